@@ -199,7 +199,7 @@ FAULTS = (
     Fault("scenes/nets.py",
         "- span_y * (2 * y / span_y - 1) ** 2", "- span_x * (2 * y / span_y - 1) ** 2",
         "the fall of an oblong saddle follows from its other span"),
-    Fault("plots/diagrams.py",
+    Fault("plots/ordinates.py",
         '"Mz": -axes[:, 1]', '"Mz": axes[:, 1]',
         "Mz is drawn on the side in compression"),
     Fault("plots/symbols.py",

@@ -26,6 +26,7 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "groups": "group,elements,lowest (",
     "reactions": ("node,Rx (", "node,by,Rx ("),
     "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
+    "actions": "action,kind,acts,in phases,together",
     "combinations": "combination,limit state,actions,status,named,clause",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
@@ -47,6 +48,7 @@ _UNITLESS = (
     "summary",
     "slack",
     "loose",
+    "actions",
     "combinations",
 )  # no column has a unit: the whole line must be that
 

@@ -14,9 +14,17 @@ from ..elements import Bars, Bearings, Cables, Contacts, Springs
 from ..elements.abilities import STATEMENTS, Sagging, statements_of
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..files.net_units import unit_of_net_value
-from ..loads import LineLoads, SelfWeight, as_list
+from ..loads import as_list
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
+from ..reporting.load_descriptions import (
+    describe_action,
+    describe_load,
+    format_number,
+    format_range,
+    range_with_unit,
+    vector_text,
+)
 from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
@@ -86,13 +94,13 @@ def _print_scene(scene, stated):
         print(head)
         spring = group if isinstance(group, Springs | Bearings) else None
         if spring is not None:
-            print(f"  stiffness {_range_with_unit(spring.stiffness, 'N/m', stated)}")
+            print(f"  stiffness {range_with_unit(spring.stiffness, 'N/m', stated)}")
         for field, (name, own_unit) in _PROPERTIES.items():
             value = getattr(group, field, None)
             if value is not None:
                 per_area = field == "weight" and group.face is not None
                 own_unit = "N/m2" if per_area else own_unit
-                print(f"  {name} {_range_with_unit(value, own_unit, stated)}")
+                print(f"  {name} {range_with_unit(value, own_unit, stated)}")
         if group.face is not None and group.weight is not None:
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
             mass = units.text(weight / STANDARD_GRAVITY / float(sizes.sum()), "kg/m2")
@@ -107,6 +115,10 @@ def _print_scene(scene, stated):
         _print_phase(number, phase, structure, stated)
         if presence is not None:
             _print_activation(number - 1, structure, presence)
+    for action in scene.actions:
+        held = " (in the phases)" * action.in_phases
+        print(f"action {action.name}, {action.kind}{held}")
+        print(f"  {describe_action(action, stated)}")
 
 
 def _print_section(section, units):
@@ -156,46 +168,9 @@ def _print_phase(number, phase, structure, units):
         values = [of.get(name) for of in stated]
         print(f"  {name}{place} {_describe_statement(name, values, structure, units)}")
     for load in as_list(phase.loads):
-        print(f"  {_describe_load(load, units)}")
+        print(f"  {describe_load(load, units)}")
     if phase.supports is not None:
         print("  new supports, which replace those before")
-
-
-def _describe_load(load, units):
-    """Return a load in words, with its values, in `units` or SI, where these are one vector."""
-    if isinstance(load, SelfWeight | LineLoads):
-        where = "" if load.on is None else f" on {load.on}"
-        where += "" if load.elements is None else " (some elements)"
-    if isinstance(load, SelfWeight):
-        direction = np.asarray(load.direction, float)
-        plain = np.array_equal(direction, [0.0, 0.0, -1.0])
-        return f"self-weight{where}" + ("" if plain else f", times {_vector_text(direction)}")
-    if isinstance(load, LineLoads):
-        forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
-        size = _range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
-        return f"line load {size}{where} (per {load.per} length)"
-    return load.describe(units or SI)
-
-
-def _range_with_unit(values, unit, units, is_vector=False):
-    """Return the range of some numbers, or one vector, as text with unit in `units`.
-
-    Without these, `units` being None, forces are in N, kN or MN.
-    """
-    values = np.asarray(values, float)
-    write = _vector_text if is_vector else inputs.format_range
-    if units is not None:
-        return f"{write(units.from_si(values, unit))} {units.shown(unit)}"
-    largest = np.abs(values).max(initial=0.0)
-    prefix, factor = "", 1.0
-    if unit.startswith("N") and largest >= 1e3:
-        prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
-    return f"{write(factor * values)} {prefix}{unit}"
-
-
-def _vector_text(values):
-    """Return a vector as text, such as "(0, 0, -1)"."""
-    return f"({', '.join(inputs.format_number(float(value)) for value in values)})"
 
 
 def _describe_statement(field, statements, structure, units):
@@ -247,12 +222,12 @@ def _print_net(net, units):
         print(f"nodes with points, by layer: {', '.join(counts)}")
     for name, value in net.values.items():
         known = value[~np.isnan(value)]
-        text = inputs.format_range(known)
+        text = format_range(known)
         if units != SI:
             text = inputs.range_text(known, unit_of_net_value(name), units).removesuffix(" -")
         print(f"{name} {text} ({len(known)} links)")
     if net.loads is not None:
-        print(f"loads: sum {_vector_text(units.from_si(net.loads.sum(axis=0), 'N'))} {units.force}")
+        print(f"loads: sum {vector_text(units.from_si(net.loads.sum(axis=0), 'N'))} {units.force}")
     single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
     _print_nodes("end nodes", net, np.flatnonzero(single), units)
     corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
@@ -300,4 +275,4 @@ def _group_corners(net):
 def _bounding_box_text(nodes, units):
     """Return the sides of the bounding box of nodes as text in `units`: "8 x 6 x 2 m"."""
     sides = units.from_si(np.ptp(nodes, axis=0).astype(float), "m")
-    return " x ".join(inputs.format_number(float(v)) for v in sides) + f" {units.length}"
+    return " x ".join(format_number(float(v)) for v in sides) + f" {units.length}"

@@ -21,6 +21,7 @@ from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
+from ..reporting.load_descriptions import format_range
 from ..scenes import Scene
 from .guard import BadInput, refuse_value_errors
 
@@ -283,20 +284,6 @@ def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
                 f'anchors: {word!r} is no node number or range such as 5-8, nor "ends"'
             ) from None
     return found
-
-
-def format_number(value: float) -> str:
-    """Return a number as text, with six digits."""
-    return f"{value:.6g}"
-
-
-def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
-    """Return the range of the numbers in arrays as text, "1 to 2"; one number if all are equal."""
-    if not jax.tree.leaves(arrays):
-        return "none"
-    flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
-    low, high = format_number(float(flat.min())), format_number(float(flat.max()))
-    return low if low == high else f"{low} to {high}"
 
 
 def number_text(value: float, unit: str, units: Units | None = None) -> str:

@@ -25,6 +25,7 @@ from ..common.units import Units
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..model.structure import Structure
 from ..plots import style
+from ..reporting.result_report import SUFFIXES
 from .guard import (
     FAILED,
     BadInput,
@@ -37,7 +38,7 @@ from .guard import (
 PICTURES = (".png", ".pdf", ".svg")
 RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
 PAGES = (".html", ".htm")
-REPORTS = (".txt", ".json", ".csv")
+REPORTS = SUFFIXES  # of reports
 
 _WRITERS: tuple[tuple[str, Callable[..., list[Path]]], ...] = (
     (".compas.json", save_network),

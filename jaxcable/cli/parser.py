@@ -207,10 +207,23 @@ def _add_solve(commands):
     )
     _add_save_option(command, text, action="append", default=[])
     text = (
-        "report: displacements, reactions, forces, cutting list; to a .txt, .csv or .json file, or "
-        "without FILE on the screen"
+        "report: displacements, reactions, forces, cutting list; to a .pdf, .xlsx, .html, .txt, "
+        ".csv or .json file, or without FILE on the screen"
     )
     command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
+    for name in ("title", "author", "date"):
+        text = f"{name} in the report (.pdf, .html, .xlsx)"
+        command.add_argument(f"--{name}", metavar="TEXT", help=text)
+    text = (
+        'combine the actions of the scene by these rules, "EN 1990", "ASCE 7-16" or a .json file, '
+        "and analyse all combinations from the end of the phases; the report has envelopes"
+    )
+    command.add_argument("--combinations", metavar="RULES", help=text)
+    text = "only these rules or limit states, such as serviceability (default: all)"
+    command.add_argument("--which", nargs="+", metavar="NAME", help=text)
+    text = "equal steps in which each combination is applied (default 1)"
+    whole = _whole_number_up_to(1000)
+    command.add_argument("--case-increments", type=whole, metavar="N", help=text)
     text = "largest residual over nodal force at convergence (default 1e-10; 1e-5 in float32)"
     command.add_argument("--tol", type=_parse_positive, help=text)
     text = "incremental method with N corrections per increment, without full iteration (research)"

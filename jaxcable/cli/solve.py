@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from .. import plots
@@ -14,8 +15,15 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
+from ..reporting.result_report import require_writer
 from . import file_names, inputs, outputs
-from .guard import print_message, refuse_value_errors, require_writable
+from .combining import (
+    combine_actions,
+    describe_largest_values_of_cases,
+    report_failed_combinations,
+    solve_combinations,
+)
+from .guard import FAILED, print_message, refuse_value_errors, require_writable
 from .solving import solve_scene
 
 _STAGED = "energy check not available with construction stages (adds, removes)"
@@ -31,6 +39,8 @@ def run(options: Namespace) -> int | None:
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
     if options.report not in (None, "-"):
         outputs.check_suffix(options.report, outputs.REPORTS, "--report")
+        with refuse_value_errors("--report"):
+            require_writer(options.report)
     report_path = None if options.report == "-" else options.report
     results = [
         file for path in options.save for file in file_names.files_to_write(path, file_names.RESULT)
@@ -39,28 +49,50 @@ def run(options: Namespace) -> int | None:
     require_writable(options.plot, *results, *reports, inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = inputs.shown_units(options, scene), scene
+    combinations = combine_actions(options, scene)
+    method = _choose_method(options)
     with refuse_value_errors(options.scene):
         if any(path.lower().endswith(".py") for path in options.save):
             require_exportable(structure)
-        solution = solve_scene(options, structure, phases, _choose_method(options))
+        solution = solve_scene(options, structure, phases, method)
+        over_cases: dict[str, Any] = {}
+        if combinations is not None and int(solution.status) == status.OK:
+            cases = solve_combinations(options, structure, phases, combinations, method)
+            over_cases = {"cases": cases, "combinations": combinations}
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged
-        findings = report(structure, solution, phases, energy=energy, units=units)
+        findings = report(structure, solution, phases, energy=energy, units=units, **over_cases)
     if options.report is not None and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     # before anything is printed, because the reader of a pipe may end
-    wrote = _write_files(options, structure, solution, findings)
+    wrote = _write_files(options, structure, solution, findings, over_cases)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
     largest = describe_largest_values(solution, units)
+    if combinations is not None and over_cases:
+        largest += describe_largest_values_of_cases(cases, combinations, units)
     print("\n".join([*largest, *(f"wrote {path}" for path in wrote)]))
+    if (
+        combinations is not None
+        and over_cases
+        and report_failed_combinations(options, cases, combinations)
+    ):
+        return FAILED
     return outputs.report_failure(options, solution)
 
 
-def _write_files(options, structure, solution, findings):
+def _write_files(options, structure, solution, findings, over_cases):
     """Write report, results and picture to the files that options name; return their paths."""
-    wrote = [] if options.report in (None, "-") else findings.save(options.report)
+    wrote = []
+    if options.report not in (None, "-"):
+        wrote = findings.save(
+            options.report,
+            pictures=_pictures_for_report(options, structure, solution, findings, over_cases),
+            title=options.title or Path(options.scene).stem,
+            author=options.author,
+            date=options.date,
+        )
     for path in options.save:
         wrote += outputs.save_solution(path, structure, solution, findings.units)
     if options.plot is not None:
@@ -71,6 +103,15 @@ def _write_files(options, structure, solution, findings):
         else:
             print_message(f"{options.plot}: not drawn: the analysis failed")
     return wrote
+
+
+def _pictures_for_report(options, structure, solution, findings, over_cases):
+    """Return the pictures of a report by their captions, of a format that shows them."""
+    if not options.report.lower().endswith((".pdf", *outputs.PAGES)):
+        return None
+    names = over_cases["combinations"].names if over_cases else None
+    cases = over_cases.get("cases")
+    return plots.for_report(structure, solution, cases=cases, names=names, units=findings.units)
 
 
 def _choose_method(options):

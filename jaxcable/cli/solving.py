@@ -47,6 +47,10 @@ def solve_scene(
     method: Newton | Incremental | None = None,
 ) -> Solution:
     """Analyse a scene for a command; show the progress of a long analysis on stderr."""
-    work = structure.n_node * sum(phase.increments for phase in phases)
-    long = work > _LONG_ANALYSIS and not options.quiet
+    long = is_long_analysis(options, structure, sum(phase.increments for phase in phases))
     return solver.solve(structure, phases, method, progress=long or None)
+
+
+def is_long_analysis(options: Namespace, structure: Structure, increments: int) -> bool:
+    """Return whether an analysis with some increments may take seconds, and is to say so."""
+    return structure.n_node * increments > _LONG_ANALYSIS and not options.quiet

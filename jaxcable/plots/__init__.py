@@ -12,10 +12,12 @@ distinguished by the color-blind, and slack and compressed elements also differ 
 from .animation import animation
 from .convergence import convergence, work_precision
 from .diagrams import diagram
+from .envelopes import envelope_diagram
 from .histories import history
 from .increments import increments
 from .nets import net
 from .paths import path
+from .report_pictures import for_report
 from .sections import section
 from .sequences import sequence
 from .view import view
@@ -24,6 +26,8 @@ __all__ = [
     "animation",
     "convergence",
     "diagram",
+    "envelope_diagram",
+    "for_report",
     "history",
     "increments",
     "net",

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.patheffects import Normal, Stroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.phase_results import PhaseResult
@@ -32,6 +31,13 @@ from .element_curves import (
 )
 from .element_forces import values_by_group
 from .layout import arrange_pictures, finish_layout
+from .ordinates import (
+    choose_values_to_write,
+    default_section_axes,
+    positive_side_directions,
+    side_directions_in_picture,
+    write_values,
+)
 from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SERIES, SIZE, finish_figure, quantity_unit
 from .symbols import draw_supports, support_legend
@@ -43,8 +49,7 @@ _MOST_JUMPS = 200  # places of loads in a group, from which on jumps are drawn a
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
 _ROUNDING = 1e-9  # value over the largest force, or moment, up to which it is rounding
-_LEAST = 0.05  # of the largest value: less is not written
-_MOMENTS = "T", "My", "Mz"
+MOMENTS = "T", "My", "Mz"
 _COLORS = {"positive": SERIES[0], "negative": SERIES[1]}
 
 
@@ -168,7 +173,7 @@ class ForceDiagrams:
         self.component, self.view, self.links = of, view, found.links
         self._along = [_BeamForces(found.parts, snapshot, of) for snapshot in snapshots]
         self.largest = max(each.largest for each in self._along)
-        unit = "N m" if of in _MOMENTS else "N"
+        unit = "N m" if of in MOMENTS else "N"
         self._factor, self.unit = quantity_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
         self._tips = [each.value_tips(view, scale) for each in self._along]
@@ -182,14 +187,9 @@ class ForceDiagrams:
         """Draw picture `number`: elements, areas between beams and values, the largest numbers."""
         along, tips, view = self._along[number], self._tips[number], self.view
         along.draw(axes, view, self.links, tips)
-        halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
         most, apart, least = self._labels
-        for place, value in _choose_values_to_write(
-            tips, along.values, apart * along.extent, most, least
-        ):
-            look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
-            text = f"{self._factor * value:.4g}"
-            axes.text(*view.project(place), text, path_effects=halo, **look)
+        written = choose_values_to_write(tips, along.values, apart * along.extent, most, least)
+        write_values(axes, view, written, self._factor)
 
     def legend(self) -> list[Any]:
         """Return legend entries for the colors of positive and of negative values that occur."""
@@ -231,7 +231,7 @@ class _BeamForces:
             raise ValueError("solution: has no beams, and so no section forces")
         kept = snapshot.forces.present[number]
         forces, ends, number = forces[kept], ends[kept], number[kept]
-        alike = slice(3, 6) if of in _MOMENTS else slice(0, 3)
+        alike = slice(3, 6) if of in MOMENTS else slice(0, 3)
         self.least = _ROUNDING * float(np.abs(forces[..., alike]).max(initial=0.0))
         values = forces[..., SECTION_FORCES.components.index(of)]
         self.values = np.where(np.abs(values) > self.least, values, 0.0)
@@ -240,21 +240,19 @@ class _BeamForces:
         self._chord = positions[ends]
         part = places[:, None]
         self._base = (1 - part) * self._chord[:, :1] + part * self._chord[:, 1:]
-        axes = _default_section_axes(self._chord)
+        axes = default_section_axes(self._chord)
         if curves is not None and np.isin(number, curves.element[: len(curves.axes)]).all():
             rows = curves.indices_of_elements(number)
             self._base = self._base + hermite_cubic(curves.bend[rows], places)
             axes = curves.axes[rows]
-        self._sides = _positive_side_directions(axes, self._chord, of)
+        self._sides = positive_side_directions(axes, self._chord, of)
 
     def value_tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
         """Return the ends of the ordinates of all values in a view, m.
 
         `scale` is the length of an ordinate over its value, m/N or 1/N.
         """
-        sides = _side_directions_in_picture(
-            self._sides, self._chord[:, 1] - self._chord[:, 0], view
-        )
+        sides = side_directions_in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
         return self._base + scale * self.values[..., None] * sides[:, None]
 
     def draw(
@@ -330,69 +328,3 @@ def forces_along_beams(
             numbers.append(count + np.arange(size))
         count += size
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)
-
-
-def _positive_side_directions(axes, ends, of):
-    """Return unit vectors across the beams, to which positive values are drawn, [n_beam, 3].
-
-    `axes` are the section axes of the beams, in rows, [n_beam, 3, 3], `ends` the positions of their
-    ends, [n_beam, 2, 3], m, and `of` is the name of the section force.
-    """
-    chord = ends[:, 1] - ends[:, 0]
-    chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
-    side = {"Vy": axes[:, 1], "Mz": -axes[:, 1]}.get(of, axes[:, 2])
-    side = side - (side * chord).sum(axis=1, keepdims=True) * chord
-    return side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
-
-
-def _default_section_axes(ends):
-    """Return the axes of beams without a stated `up` vector, in rows, [n_beam, 3, 3].
-
-    `ends` are the positions of their ends, [n_beam, 2, 3], m.
-    """
-    chord = ends[:, 1] - ends[:, 0]
-    chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
-    steep = np.abs(chord[:, 2:]) > 0.999
-    axes_z = np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-    return np.stack([chord, np.cross(axes_z, chord), axes_z], axis=1)
-
-
-def _side_directions_in_picture(sides, chord, view):
-    """Turn directions across beams into the plane of a flat picture, at right angles to the beams.
-
-    `sides`, [n_beam, 3], are directions as of `_positive_side_directions`, which stay unchanged in
-    space; `chord` are the vectors from start to end of the beams, [n_beam, 3], m.
-    """
-    if not view.flat:
-        return sides
-    basis = view.project(np.eye(3)).T / view.scale  # directions of the picture, [2, 3]
-    across = view.project(chord) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-    across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-    along = (across * view.project(sides)).sum(axis=1, keepdims=True)
-    return np.where(along < -1e-9, -across, across) @ basis
-
-
-def _choose_values_to_write(
-    tips: Float[np.ndarray, "n_beam n_place 3"],
-    values: Float[np.ndarray, "n_beam n_place"],
-    apart: float,
-    most: int,
-    least: float,
-) -> list[tuple[Float[np.ndarray, " 3"], float]]:
-    """Choose the values to write: the largest of ends and extremes, not too close together.
-
-    `tips` are the ends of the ordinates, m; `apart` is the least distance of written values, m,
-    `most` their largest number and `least` their least size. Return pairs: position, m, and value.
-    """
-    beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
-    at = np.stack(
-        [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]
-    )
-    places, found = tips[beam, at].reshape(-1, 3), values[beam, at].ravel()
-    kept: list[int] = []
-    for k in np.argsort(-np.abs(found)):
-        if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
-            break
-        if all(np.linalg.norm(places[k] - places[j]) > apart for j in kept):
-            kept.append(int(k))
-    return [(places[k], float(found[k])) for k in kept]

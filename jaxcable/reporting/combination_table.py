@@ -7,7 +7,9 @@ import itertools
 from collections.abc import Collection, Iterable, Mapping
 
 from ..common.status import describe
+from ..common.units import Units
 from ..design.combinations import Combinations
+from .load_descriptions import describe_action
 from .table import Column, Table, make_table
 
 
@@ -40,6 +42,31 @@ def combination_table(
     notes = ["times named: in how many rows of the other tables"]
     notes += [f"{rule}: {clause}" for rule, clause in clauses if clause]
     return make_table("Combinations of actions", columns, notes)
+
+
+def action_table(combinations: Combinations, units: Units) -> Table:
+    """Return the table of the actions that are combined: name, kind, and what acts, in a line."""
+    actions = combinations.actions
+    columns = [
+        Column("action", "", [one.name for one in actions]),
+        Column("kind", "", [one.kind for one in actions]),
+        Column("acts", "", [describe_action(one, units) for one in actions], heading="what acts"),
+        Column("in phases", "", ["yes" if one.in_phases else None for one in actions]),
+        Column("together", "", [_conditions(one) for one in actions], heading="acts together"),
+    ]
+    notes = ["characteristic values, which the factors of the combinations multiply"]
+    if any(one.in_phases for one in actions):
+        notes.append("in phases: the phases before the cases apply the action by factor 1")
+    return make_table("Actions", columns, notes)
+
+
+def _conditions(action):
+    """Return with what an action does or does not act, in words, or None."""
+    words = [f"never with others of {action.exclusive!r}"] if action.exclusive else []
+    words += [f"only with {name}" for name in action.needs]
+    words += [f"never with {name}" for name in action.excludes]
+    words += [f"one factor for all of {action.source!r}"] if action.source else []
+    return "; ".join(words) or None
 
 
 def _status(name, failed, unstable):

@@ -17,8 +17,9 @@ from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
+from .case_notes import with_case_notes
 from .check_tables import check_sentences, check_tables
-from .combination_table import combination_sentences, combination_table
+from .combination_table import action_table, combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
     large_displacement_sentence,
@@ -161,6 +162,8 @@ def report(
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
     tables = _make_tables(structure, solution, envelope, good, labels, shown, chains)
+    if cases is not None:
+        tables = with_case_notes(tables, len(envelope))
     if since is not None:
         begin = phase_index(since, labels)
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
@@ -169,7 +172,7 @@ def report(
         unstable = [name for name, case in good.items() if not bool(case.stable)]
         summary += combination_sentences(combinations, failed, unstable)
         table = combination_table(combinations, failed, unstable, tables.values())
-        tables = {"combinations": table, **tables}
+        tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
     if checks is not None:
         if not isinstance(checks, Checks):
             kind = arguments.describe_type(checks, "design.checks(structure, solutions)")

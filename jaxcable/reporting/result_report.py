@@ -62,7 +62,7 @@ class Report:
             - ``reaction_envelope``: smallest and largest value of every component over cases, with
               the others of the same case;
             - ``checks``, and one table for each of them (``check_`` and its name), if given;
-            - ``combinations`` of actions, if they are given;
+            - ``actions``: what each is; ``combinations`` of them, if they are given;
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;
             - ``displacements``: of every node that moves, from the start, after every phase (in

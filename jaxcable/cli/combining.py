@@ -1,0 +1,130 @@
+"""Combinations of the actions of a scene, for ``solve --combinations``."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..analysis.solution import Solution
+from ..common import status
+from ..common.checks import suggest_names
+from ..common.units import Units
+from ..design import combination_rules, combinations, solve_cases
+from ..design.combinations import Combinations
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
+from ..model.structure import Structure
+from ..scenes import Scene
+from . import inputs
+from .guard import BadInput, print_message, refuse_value_errors
+from .solving import is_long_analysis
+
+_NAMED = 8
+"""Failed combinations that a message names."""
+
+
+def combine_actions(options: Namespace, scene: Scene) -> Combinations | None:
+    """Return the combinations that options ask for, of the actions of a scene; None for none.
+
+    Raises:
+        BadInput: the scene has no actions, or the rules cannot combine them.
+    """
+    if options.combinations is None:
+        why = "is for combinations: give --combinations RULES, too"
+        inputs.refuse_options_without_effect(options, ("which", "case_increments"), why)
+        return None
+    if not scene.actions:
+        raise BadInput(
+            f'{options.scene}: has no actions to combine; list them beside the phases: "actions": '
+            '[{"name": "snow", "kind": "snow", "loads": ...}]'
+        )
+    with refuse_value_errors("--combinations"):
+        rules = combination_rules(options.combinations)
+    which = None if options.which is None else _chosen_rules(options.which, rules)
+    with refuse_value_errors(options.scene):
+        increments = options.case_increments or 1
+        found = combinations(scene.actions, rules, which=which, increments=increments)
+        # errors of actions that cannot have their factors come before long work
+        return found if found.cases is not None else None
+
+
+def _chosen_rules(words, rules):
+    """Return the names of the rules that are named, or whose limit states are, a list."""
+    every, found = rules["combinations"], []
+    states = {rule["limit state"] for rule in every.values()}
+    for word in words:
+        if word not in every and word not in states:
+            hint = suggest_names(word, [*every, *sorted(states)])
+            raise BadInput(f"--which {word!r}: is no rule and no limit state{hint}")
+        asked = [word] if word in every else []
+        asked += [
+            name
+            for name, rule in every.items()
+            if rule["limit state"] == word and not rule.get("on request")
+        ]
+        found += [name for name in asked if name not in found]
+    return found
+
+
+def solve_combinations(
+    options: Namespace,
+    structure: Structure,
+    phases: Sequence[Phase],
+    found: Combinations,
+    method: Newton | Incremental | None,
+) -> Solution:
+    """Analyse all combinations as one batch; say on stderr that a long analysis runs."""
+    increments = sum(phase.increments for phase in phases) + len(found) * found.increments
+    long = is_long_analysis(options, structure, increments)
+    begin = time.monotonic()
+    if long:
+        print_message(f"analyzing {len(found)} combinations as one batch")
+    solutions = solve_cases(structure, phases, found, method)
+    jax.block_until_ready(solutions.status)
+    if long:
+        print_message(f"{len(found)} combinations took {time.monotonic() - begin:.0f} s")
+    return solutions
+
+
+def describe_largest_values_of_cases(
+    solutions: Solution, found: Combinations, units: Units | None
+) -> list[str]:
+    """Return lines on the largest displacement and the axial forces over all converged cases.
+
+    Numbers are in `units`, None for SI.
+    """
+    good = np.flatnonzero(np.asarray(solutions.status) == status.OK)
+    if not len(good):
+        return []
+    moved = np.linalg.norm(np.asarray(solutions.displacement)[good], axis=2)
+    case = int(moved.max(axis=1).argmax())
+    where = inputs.largest_displacement(np.asarray(solutions.displacement)[good[case]], units)[1]
+    lines = [f"largest displacement over the combinations: {where} in {found.names[good[case]]}"]
+    forces = [np.asarray(x)[good] for x in jax.tree.leaves(solutions.peak_tension)]
+    if forces:
+        text = inputs.range_text(forces, "N", units)
+        lines.append(f"axial forces over the combinations: {text}")
+    return lines
+
+
+def report_failed_combinations(
+    options: Namespace, solutions: Solution, found: Combinations
+) -> bool:
+    """Print the names of the combinations that have failed; return whether there are any."""
+    codes = np.asarray(solutions.status)
+    failed = np.flatnonzero(codes != status.OK)
+    if not len(failed):
+        return False
+    for code in np.unique(codes[failed]):
+        own = [found.names[k] for k in failed if codes[k] == code]
+        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        print_message(
+            f"{options.scene}: {len(own)} of {len(found)} combinations failed: "
+            f"{', '.join(own[:_NAMED])}{more}: status {code}: {status.describe(int(code))}"
+        )
+    return True

@@ -1,0 +1,312 @@
+"""Envelopes over load cases, drawn on the structure: `envelope_diagram`."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from ..common import checks
+from ..common.types import Bool, Float, Int
+from ..common.units import SI, Units, UnitsLike, as_units
+from ..design.result_envelopes import ResultEnvelope
+from ..elements.abilities import Bending
+from ..elements.element import SECTION_FORCES
+from ..model.result_parts import end_nodes, straight_pieces
+from ..model.structure import Structure
+from .diagrams import MOMENTS
+from .element_forces import concatenate_values, values_by_group
+from .element_lines import line_width
+from .layout import arrange_pictures, finish_layout
+from .nets import round_magnification
+from .ordinates import (
+    choose_values_to_write,
+    default_section_axes,
+    positive_side_directions,
+    side_directions_in_picture,
+    write_values,
+)
+from .style import GHOST, INK, SERIES, SIZE, color_map, finish_figure, quantity_unit
+from .symbols import draw_supports, support_kinds, support_legend
+from .views import View, choose_view
+
+_HIGH = 0.12  # length of the largest value over the extent of the structure, as of `diagram`
+_LABELS, _APART = 9, 0.12  # values that are written, and their distance over the extent
+_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
+_UNITS = {"tension": "N", "sag": "m"}
+"""Units of results that elements have one of each."""
+_SIDES = {"high": ("largest", SERIES[0]), "low": ("smallest", SERIES[1])}
+
+
+def envelope_diagram(
+    structure: Structure,
+    envelope: ResultEnvelope,
+    of: str = "My",
+    path: str | os.PathLike[str] | None = None,
+    *,
+    view: str | None = None,
+    high: float = _HIGH,
+    supports: bool = True,
+    units: UnitsLike | None = None,
+) -> Figure:
+    """Draw the envelope of a result over load cases on the structure, as it is in the input.
+
+    The legend names the cases that govern.
+
+    - Section forces of beams, "N" to "Mz": the largest and the smallest value along each beam, to
+      the sides of `diagram`; between the places of the envelope straight lines.
+    - "displacement": the structure in the case that moves a node most, magnified, and thin in all
+      other cases; elements are straight between their nodes.
+    - "tension", "sag" or another result with a number for each element: the smallest and the
+      largest value as colors, in one scale.
+
+    Args:
+        structure: `Structure` that was analysed.
+        envelope: `design.ResultEnvelope`, from ``design.envelope(structure, solutions, names)``.
+        of: name of the result.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
+            vertical plane, else space.
+        high: length of the largest section force over the extent of the structure.
+        supports: whether to mark supports.
+        units: units of coordinates and values, as of `net`.
+
+    Returns:
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
+
+    Raises:
+        ValueError: another envelope, an unknown result, or one that cannot be drawn like this; no
+            converged case; a size that is not positive; unknown units.
+
+    A beam of 4 m under either of two loads in the middle:
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+    >>> held = jc.restrained([0], "xyz", "x") + jc.restrained([2], "yz")
+    >>> nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
+    >>> structure = jc.Structure(nodes, jc.Beams([[0, 1], [1, 2]], section=section), supports=held)
+    >>> cases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, p))) for p in (-500.0, 200.0)]
+    >>> start = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, 0.0)))
+    >>> solutions = jc.design.solve_cases(structure, start, cases)
+    >>> envelope = jc.design.envelope(structure, solutions, names=["snow", "wind"])
+    >>> figure = jc.plots.envelope_diagram(structure, envelope, "My")
+    >>> [text.get_text() for text in figure.legends[0].get_texts()[:2]]
+    ['largest My: 200 N m, wind', 'smallest My: -500 N m, snow']
+    """
+    stated = None if units is None else as_units(units)
+    if not isinstance(envelope, ResultEnvelope):
+        kind = checks.describe_type(envelope, "design.envelope(structure, solutions, names)")
+        raise ValueError(f"envelope: expected a ResultEnvelope, got {kind}")
+    if of not in envelope.values:
+        raise ValueError(f"of = {of!r}: is no result{checks.suggest_names(of, envelope.values)}")
+    if not high > 0:
+        raise ValueError(f"high = {high!r}: must be positive")
+    if len(envelope.failed) == len(envelope.names):
+        raise ValueError("envelope: no case has converged")
+    stage = _Stage(structure, view, stated)
+    if of in SECTION_FORCES.components:
+        figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
+    elif of == "displacement":
+        figure, handles, slots, bar = _draw_displacements(stage, envelope)
+    else:
+        figure, handles, slots, bar = _draw_element_values(stage, envelope, of)
+    if supports:
+        for axes in figure.axes:
+            draw_supports(axes, stage.view, stage.nodes, stage.held)
+        handles += support_legend(stage.held)
+    mappable, label = bar
+    finish_layout(figure, slots, mappable, label, handles)
+    for text in (text for axes in figure.axes for text in axes.texts):
+        text.set_fontsize(0.85 * SIZE)
+    return finish_figure(figure, path)
+
+
+class _Stage:
+    """A structure as it is in the input: what all these pictures draw of it."""
+
+    def __init__(self, structure: Structure, view: str | None, units: Units | None):
+        self.structure, self.units = structure, units
+        self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
+        self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
+        self.links: Int[np.ndarray, "n_piece 2"]
+        self.links, self.element, _ = straight_pieces(structure.groups)
+        self.extent = float(np.ptp(self.nodes, axis=0).max())
+        fixed = np.asarray(structure.supports.fixed(structure.n_node))
+        kinds = support_kinds(fixed, structure.rotating_nodes(), self.view.normal)
+        on_ground = np.zeros(len(self.nodes), bool)
+        for group in structure.groups:
+            if group.links.shape[1] == 1:
+                on_ground[group.links.array] = True
+        held = [*kinds, on_ground & ~kinds.any(axis=0)]
+        self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
+
+    def add_lines(self, axes, positions, **look):
+        """Draw all elements as straight lines between nodes at some positions."""
+        return self.view.add_lines(axes, self.view.project(positions)[self.links], **look)
+
+
+class _Extreme(NamedTuple):
+    """The most extreme value of a result: the value, and the name of the case that governs."""
+
+    value: float
+    case: str
+
+
+def _extremes(envelope, of):
+    """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
+    found = {}
+    for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
+        values = [np.ravel(np.asarray(x, float)) for x in _leaves(getattr(envelope, side)[of])]
+        cases = [np.ravel(np.asarray(x)) for x in _leaves(getattr(envelope, f"{side}_case")[of])]
+        value, case = np.concatenate(values), np.concatenate(cases)
+        if np.isfinite(value).any():
+            k = pick(value)
+            found[side] = _Extreme(float(value[k]), envelope.names[int(case[k])])
+    if not found:
+        raise ValueError(f"of = {of!r}: has no value in any case")
+    return found
+
+
+def _leaves(tree):
+    """Return the arrays of a pytree, without None."""
+    return [x for x in values_by_group(tree, 0) if x is not None]
+
+
+def _draw_section_force(stage, envelope, of, high):
+    """Draw the largest and the smallest section force along all beams."""
+    structure = stage.structure
+    values = {
+        side: np.concatenate([np.asarray(x) for x in _leaves(getattr(envelope, side)[of])])
+        for side in _SIDES
+    }
+    extremes = _extremes(envelope, of)
+    largest = max(abs(extreme.value) for extreme in extremes.values())
+    factor, unit = quantity_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
+    ends, axes_of_beams = _beams(structure, stage.nodes)
+    places = np.linspace(0.0, 1.0, values["high"].shape[1])
+    chord = stage.nodes[ends]
+    base = (1 - places[:, None]) * chord[:, :1] + places[:, None] * chord[:, 1:]
+    sides = positive_side_directions(axes_of_beams, chord, of)
+    sides = side_directions_in_picture(sides, chord[:, 1] - chord[:, 0], stage.view)
+    scale = high * stage.extent / max(largest, 1e-300)
+    tips = {
+        side: base + scale * np.nan_to_num(own)[..., None] * sides[:, None]
+        for side, own in values.items()
+    }
+    points = np.concatenate([stage.nodes, *(own.reshape(-1, 3) for own in tips.values())])
+    figure, slots = arrange_pictures([stage.view], [points], [f"envelope of {of} ({unit})"])
+    (axes,) = figure.axes
+    stage.add_lines(axes, stage.nodes, colors=GHOST, linewidths=1.0, zorder=1)
+    seen = stage.view.project(base)
+    stage.view.add_lines(axes, seen, colors=INK, linewidths=1.4, zorder=4)
+    area: Any = PolyCollection if stage.view.flat else Poly3DCollection
+    handles: list[Any] = []
+    for side, (word, color) in _SIDES.items():
+        top = stage.view.project(tips[side])
+        quads = np.concatenate([seen, top[:, ::-1]], axis=1)
+        look: Any = {"facecolors": color, "edgecolors": "none", "alpha": 0.35}
+        axes.add_collection(area(quads, zorder=2, **look), autolim=False)
+        stage.view.add_lines(axes, top, colors=color, linewidths=1.0, zorder=3)
+        extreme = extremes[side]
+        text = f"{word} {of}: {factor * extreme.value:.4g} {unit}, {extreme.case}"
+        handles.append(Patch(color=color, alpha=0.6, label=text))
+    every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
+    written = choose_values_to_write(
+        every[0], np.nan_to_num(every[1]), _APART * stage.extent, _LABELS, 0.0
+    )
+    write_values(axes, stage.view, written, factor)
+    return figure, handles, slots, (None, "")
+
+
+def _beams(structure, nodes):
+    """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
+    ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
+    for group in structure.groups:
+        if not isinstance(group, Bending):
+            continue
+        own = end_nodes(group)
+        ends.append(own)
+        known = hasattr(group, "axes_of")
+        axes.append(np.asarray(group.axes_of(nodes) if known else default_section_axes(nodes[own])))
+    return np.concatenate(ends), np.concatenate(axes)
+
+
+def _draw_displacements(stage, envelope):
+    """Draw the structure in the case that moves a node most, and thin in all others."""
+    moved = np.asarray(envelope.values["displacement"], float)
+    sizes = np.linalg.norm(moved, axis=2)
+    case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
+    factor = round_magnification(moved[case], stage.nodes)
+    good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
+    every = stage.nodes + factor * moved[good]
+    points = np.concatenate([stage.nodes, every.reshape(-1, 3)])
+    title = "displacements of all cases" + (f" x {factor:g}" if factor != 1 else "")
+    figure, slots = arrange_pictures([stage.view], [points], [title])
+    (axes,) = figure.axes
+    stage.add_lines(axes, stage.nodes, colors=GHOST, linewidths=1.0, linestyles="--", zorder=1)
+    for positions in every:
+        stage.add_lines(axes, positions, colors=SERIES[5], linewidths=0.5, alpha=0.6, zorder=2)
+    width = line_width(len(stage.links))
+    positions = stage.nodes + factor * moved[case]
+    stage.add_lines(axes, positions, colors=SERIES[0], linewidths=width, zorder=3)
+    units = stage.units or SI
+    small, to_small = units.small_length
+    size = float(to_small) * units.from_si(float(sizes[case, node]), "m")
+    text = f"largest displacement: {size:.4g} {small}, node {node}, {envelope.names[case]}"
+    handles = [
+        Line2D([], [], color=SERIES[0], linewidth=width, label=text),
+        Line2D([], [], color=SERIES[5], linewidth=0.8, label=f"all {len(good)} cases"),
+        Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="input"),
+    ]
+    return figure, handles, slots, (None, "")
+
+
+def _draw_element_values(stage, envelope, of):
+    """Draw the smallest and the largest value of every element as colors."""
+    structure, groups = stage.structure, stage.structure.groups
+    for leaf, group in zip(
+        values_by_group(envelope.high[of], len(groups)), [*groups, *groups], strict=False
+    ):
+        if leaf is not None and np.shape(leaf) != (len(group.links),):
+            raise ValueError(
+                f"of = {of!r}: has no number for each element; drawn are section forces, "
+                '"displacement", and results such as "tension"'
+            )
+    values = {
+        side: concatenate_values(getattr(envelope, side)[of], structure.groups) for side in _SIDES
+    }
+    extremes = _extremes(envelope, of)
+    largest = max(abs(extreme.value) for extreme in extremes.values())
+    si = _UNITS.get(of, "")
+    factor, unit = quantity_unit(largest, si, stage.units) if si else (1.0, "")
+    shown = f" ({unit})" if unit else ""
+    every = factor * np.concatenate(list(values.values()))
+    low, high = np.nanmin(every), np.nanmax(every)
+    if high - low <= 1e-9 * max(abs(high), 1e-300):
+        low, high = low - 0.05 * max(abs(low), 1e-3), high + 0.05 * max(abs(high), 1e-3)
+    look: Any = {"cmap": color_map(), "norm": Normalize(low, high)}
+    titles = [f"{word} {of}" for word, _ in _SIDES.values()]
+    view = stage.view
+    figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
+    width = line_width(len(stage.links))
+    handles: list[Any] = []
+    for axes, (side, (word, _)) in zip(figure.axes, _SIDES.items(), strict=True):
+        lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **look)
+        lines.set_array(factor * values[side][stage.element])
+        extreme = extremes[side]
+        text = f"{word} {of}: {factor * extreme.value:.4g} {unit}".rstrip() + f", {extreme.case}"
+        handles.append(Line2D([], [], linestyle="", label=text))
+    name, signed = of, ""
+    if of == "tension" and low < -_ROUNDING * high:
+        name, signed = "axial force", ", tension positive"
+    return figure, handles, slots, (lines, f"{name}{shown}{signed}")

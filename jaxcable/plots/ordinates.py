@@ -1,0 +1,97 @@
+"""Ordinates of diagrams on beams: to which side they are drawn, and which values are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.patheffects import Normal, Stroke
+
+from ..common.types import Float, Int
+from .style import INK
+from .views import View
+
+_LEAST = 0.05  # of the largest value: less is not written
+
+
+def write_values(
+    axes: Any, view: View, written: Sequence[tuple[Float[np.ndarray, " 3"], float]], factor: float
+) -> None:
+    """Write values, times a factor, at their positions, m: pairs of both."""
+    halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
+    look: Any = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
+    for place, value in written:
+        axes.text(*view.project(place), f"{factor * value:.4g}", **look)
+
+
+def positive_side_directions(
+    axes: Float[np.ndarray, "n_beam 3 3"], ends: Float[np.ndarray, "n_beam 2 3"], of: str
+) -> Float[np.ndarray, "n_beam 3"]:
+    """Return unit vectors across the beams, to which positive values are drawn, [n_beam, 3].
+
+    `axes` are the section axes of the beams, in rows, [n_beam, 3, 3], `ends` the positions of their
+    ends, [n_beam, 2, 3], m, and `of` is the name of the section force.
+    """
+    chord = ends[:, 1] - ends[:, 0]
+    chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
+    side = {"Vy": axes[:, 1], "Mz": -axes[:, 1]}.get(of, axes[:, 2])
+    side = side - (side * chord).sum(axis=1, keepdims=True) * chord
+    return side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
+
+
+def default_section_axes(
+    ends: Float[np.ndarray, "n_beam 2 3"],
+) -> Float[np.ndarray, "n_beam 3 3"]:
+    """Return the axes of beams without a stated `up` vector, in rows, [n_beam, 3, 3].
+
+    `ends` are the positions of their ends, [n_beam, 2, 3], m.
+    """
+    chord = ends[:, 1] - ends[:, 0]
+    chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
+    steep = np.abs(chord[:, 2:]) > 0.999
+    axes_z = np.where(steep, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+    return np.stack([chord, np.cross(axes_z, chord), axes_z], axis=1)
+
+
+def side_directions_in_picture(
+    sides: Float[np.ndarray, "n_beam 3"], chord: Float[np.ndarray, "n_beam 3"], view: View
+) -> Float[np.ndarray, "n_beam 3"]:
+    """Turn directions across beams into the plane of a flat picture, at right angles to the beams.
+
+    `sides`, [n_beam, 3], are directions as of `positive_side_directions`, which stay unchanged in
+    space; `chord` are the vectors from start to end of the beams, [n_beam, 3], m.
+    """
+    if not view.flat:
+        return sides
+    basis = view.project(np.eye(3)).T / view.scale  # directions of the picture, [2, 3]
+    across = view.project(chord) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    along = (across * view.project(sides)).sum(axis=1, keepdims=True)
+    return np.where(along < -1e-9, -across, across) @ basis
+
+
+def choose_values_to_write(
+    tips: Float[np.ndarray, "n_beam n_place 3"],
+    values: Float[np.ndarray, "n_beam n_place"],
+    apart: float,
+    most: int,
+    least: float,
+) -> list[tuple[Float[np.ndarray, " 3"], float]]:
+    """Choose the values to write: the largest of ends and extremes, not too close together.
+
+    `tips` are the ends of the ordinates, m; `apart` is the least distance of written values, m,
+    `most` their largest number and `least` their least size. Return pairs: position, m, and value.
+    """
+    beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
+    at = np.stack(
+        [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]
+    )
+    places, found = tips[beam, at].reshape(-1, 3), values[beam, at].ravel()
+    kept: list[int] = []
+    for k in np.argsort(-np.abs(found)):
+        if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
+            break
+        if all(np.linalg.norm(places[k] - places[j]) > apart for j in kept):
+            kept.append(int(k))
+    return [(places[k], float(found[k])) for k in kept]

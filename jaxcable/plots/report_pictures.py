@@ -1,0 +1,107 @@
+"""Pictures for a report: the structure, and what governs over load cases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Solution
+from ..common import status
+from ..common.units import UnitsLike
+from ..design import envelope, utilization
+from ..model.structure import Structure
+from .envelopes import envelope_diagram
+from .nets import net
+
+_ROUNDING = 1e-7  # of the largest section force of a kind: less is not drawn
+
+
+def for_report(
+    structure: Structure,
+    solution: Solution,
+    *,
+    cases: Solution | None = None,
+    names: Sequence[str] | None = None,
+    units: UnitsLike | None = None,
+) -> dict[str, Figure]:
+    """Draw the pictures of a report: the structure with its forces, and what governs over cases.
+
+    With cases there are their displacements, the structure in the case with the largest
+    utilization, and envelopes of the section forces of beams, as far as there are such.
+
+    Args:
+        structure: `Structure` that was analysed.
+        solution: its `Solution`, as for `report`.
+
+    Options:
+        cases: `Solution` with a leading axis [n_case], as for `report`.
+        names: names of the cases, such as ``combinations.names``.
+        units: units of the pictures, as of `net`.
+
+    Returns:
+        Matplotlib figures by their captions, for ``report(...).save(path, pictures=...)``; none
+        of an analysis that has failed.
+
+    Raises:
+        ValueError: those of `net` and of `design.envelope`.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> structure, phases = jc.scenes.flat_net()
+    >>> pictures = jc.plots.for_report(structure, jc.solve(structure, phases))
+    >>> list(pictures)
+    ['Structure, final state of the phases']
+    """
+    if int(solution.status) != status.OK:
+        return {}
+    caption = "Structure, final state of the phases"
+    found = {caption: net(solution, structure=structure, units=units)}
+    if cases is None or not (np.asarray(cases.status) == status.OK).any():
+        return found
+    extremes = envelope(structure, cases, names)
+    found["Displacements in all cases"] = envelope_diagram(
+        structure, extremes, "displacement", units=units
+    )
+    found["Axial forces: largest and smallest over all cases"] = envelope_diagram(
+        structure, extremes, "tension", units=units
+    )
+    governing = _case_of_largest_utilization(structure, cases)
+    if governing is not None:
+        case = jax.tree.map(lambda x: np.asarray(x)[governing], cases)
+        name = extremes.names[governing]
+        found[f"Utilization in {name}, where it is largest"] = net(
+            case,
+            color="utilization",
+            structure=structure,
+            loads=False,
+            names=[name] if len(case.phases) == 1 else None,
+            units=units,
+        )
+    for kind in (("N", "Vy", "Vz"), ("T", "My", "Mz")):
+        sizes = {name: _largest_size(extremes, name) for name in kind}
+        for name, size in sizes.items():
+            if name != "N" and size > _ROUNDING * max(sizes.values()):
+                found[f"Envelope of {name} over all cases"] = envelope_diagram(
+                    structure, extremes, name, units=units
+                )
+    return found
+
+
+def _case_of_largest_utilization(structure, cases):
+    """Return the index of the converged case with the largest utilization; None without any."""
+    try:
+        used = jax.tree.leaves(utilization(structure, cases))
+    except ValueError:  # no group has a strength
+        return None
+    most = np.max([np.asarray(x).max(axis=1, initial=0.0) for x in used], axis=0)
+    most = np.where(np.asarray(cases.status) == status.OK, most, -np.inf)
+    return int(np.nanargmax(most)) if np.nanmax(most) > 0 else None
+
+
+def _largest_size(extremes, name):
+    """Return the largest size of a section force in an envelope, 0 without beams."""
+    values = [np.asarray(x) for x in jax.tree.leaves(extremes.values.get(name))]
+    return max((float(np.nanmax(np.abs(x))) for x in values if x.size), default=0.0)

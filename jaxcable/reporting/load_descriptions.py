@@ -1,0 +1,80 @@
+"""Loads and actions in words, in a line each."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from ..common.types import ArrayLike, Float, PyTree
+from ..common.units import SI, Units
+from ..design.actions import Action
+from ..elements.abilities import STATEMENTS
+from ..loads import LineLoads, SelfWeight, as_list
+from ..loads.load import Load
+
+
+def describe_action(action: Action, units: Units | None) -> str:
+    """Return what acts by an action: its loads and changes, in `units`, or SI if that is None."""
+    parts = [describe_load(load, units) for load in as_list(action.loads)]
+    for name in ("temperature", "shortening"):
+        values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
+        if values:
+            unit = STATEMENTS[name].unit
+            parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}")
+    lost = sum(int(np.sum(x)) for x in jax.tree.leaves(action.removes))
+    if lost:
+        parts.append(f"{lost} {'element' if lost == 1 else 'elements'} lost")
+    return "; ".join(parts) or "what the phases state"
+
+
+def describe_load(load: Load, units: Units | None) -> str:
+    """Return a load in words, with its values, in `units` or SI, where these are one vector."""
+    if isinstance(load, SelfWeight | LineLoads):
+        where = "" if load.on is None else f" on {load.on}"
+        where += "" if load.elements is None else " (some elements)"
+    if isinstance(load, SelfWeight):
+        direction = np.asarray(load.direction, float)
+        plain = np.array_equal(direction, [0.0, 0.0, -1.0])
+        return f"self-weight{where}" + ("" if plain else f", times {vector_text(direction)}")
+    if isinstance(load, LineLoads):
+        forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
+        size = range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
+        return f"line load {size}{where} (per {load.per} length)"
+    return load.describe(units or SI)
+
+
+def range_with_unit(
+    values: Float[ArrayLike, " ..."], unit: str, units: Units | None, is_vector: bool = False
+) -> str:
+    """Return the range of some numbers, or one vector, as text with unit in `units`.
+
+    Without these, `units` being None, forces are in N, kN or MN.
+    """
+    values = np.asarray(values, float)
+    write = vector_text if is_vector else format_range
+    if units is not None:
+        return f"{write(units.from_si(values, unit))} {units.shown(unit)}"
+    largest = np.abs(values).max(initial=0.0)
+    prefix, factor = "", 1.0
+    if unit.startswith("N") and largest >= 1e3:
+        prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
+    return f"{write(factor * values)} {prefix}{unit}"
+
+
+def vector_text(values: Float[np.ndarray, " n"]) -> str:
+    """Return a vector as text, such as "(0, 0, -1)"."""
+    return f"({', '.join(format_number(float(value)) for value in values)})"
+
+
+def format_number(value: float) -> str:
+    """Return a number as text, with six digits."""
+    return f"{value:.6g}"
+
+
+def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
+    """Return the range of the numbers in arrays as text, "1 to 2"; one number if all are equal."""
+    if not jax.tree.leaves(arrays):
+        return "none"
+    flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
+    low, high = format_number(float(flat.min())), format_number(float(flat.max()))
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,116 @@
+"""``solve --combinations``: actions of a scene, combined, analysed as one batch, and reported."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.__main__ import main
+
+Action = jc.design.Action
+NODES = [[0.0, 0.0, 0.0], [3.0, 0.0, -0.3], [6.0, 0.0, 0.0]]
+CABLES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, weight=10.0, strength=4e4)
+STRUCTURE = jc.Structure(NODES, CABLES, supports=jc.pinned([0, 2]) + jc.restrained([1], "y"))
+PHASES = [jc.Phase(pretension=5e3, loads=jc.SelfWeight())]
+
+
+def actions(snow=-1000.0):
+    return [
+        Action("self-weight", "permanent", jc.SelfWeight(), in_phases=True),
+        Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, snow))),
+        Action("wind", "wind", jc.NodalLoads([1], (0.0, 0.0, 300.0))),
+    ]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(jc.progress.SHOW, "pause", 1e6)
+    jc.save_scene("rope.json", (STRUCTURE, PHASES), units="kN, m", actions=actions())
+    jc.save_scene("bare.json", (STRUCTURE, PHASES))
+    return tmp_path
+
+
+def command(words):
+    return main(shlex.split(words))
+
+
+def test_all_combinations_are_in_the_report(folder, capsys):
+    pytest.importorskip("typst")
+    words = 'solve rope.json --combinations "EN 1990" --which ultimate --report '
+    assert command(words + "rope.json.txt") == 0
+    told = capsys.readouterr().out
+    assert "10 combinations of actions, 10 converged" in told
+    found = jc.design.combinations(actions()).of_limit_state("ultimate")
+    solutions = jc.design.solve_cases(STRUCTURE, PHASES, found)
+    moved = np.linalg.norm(solutions.displacement, axis=2)
+    case, node = np.unravel_index(moved.argmax(), moved.shape)
+    text = f"{moved.max():.6g} m at node {node} in {found.names[case]}"
+    assert f"largest displacement over the combinations: {text}" in told
+    text = (folder / "rope.json.txt").read_text()
+    assert "NodalLoads on 1 nodes, sum (0, 0, -1) kN" in text and "1.35 self-weight" in text
+    assert "envelope over 10 cases" in text and "without their loads and factors" in text
+    assert command(f'{words} rope.pdf --title "A rope" --author A --date 2026-11-27') == 0
+    assert (folder / "rope.pdf").read_bytes().startswith(b"%PDF")
+    assert command(words + "rope.json") == 2  # the scene itself
+
+
+def test_rules_are_chosen_by_name_and_from_a_file(folder, capsys):
+    rules = jc.design.combination_rules("EN 1990")
+    (folder / "own.json").write_text(json.dumps(rules))
+    words = "solve rope.json --combinations own.json --which 'SLS frequent' --case-increments 2"
+    assert command(f"{words} --report") == 0
+    told = capsys.readouterr().out
+    assert "SLS frequent-1" in told and "ULS" not in told
+
+
+REFUSED = {
+    "bare.json --combinations 'EN 1990'": "bare.json: has no actions to combine",
+    "rope.json --combinations 'EN 199'": "rules = 'EN 199': expected a name",
+    "rope.json --combinations 'EN 1990' --which ULS": "--which 'ULS': is no rule and no limit",
+    "rope.json --which 'ULS 6.10'": "--which: is for combinations",
+    "rope.json --case-increments 2": "--case-increments: is for combinations",
+    "rope.json --combinations none.json": "none.json: No such file",
+    "rope.json --report rope.doc": "expected a name that ends with .txt",
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_what_cannot_be_combined_is_refused(words, folder, capsys):
+    assert command(f"solve {words}") == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("jaxcable: ") and REFUSED[words] in line
+
+
+def test_combinations_that_fail_are_named(folder, capsys):
+    """A rope yields at 40 kN, and 1.5 times the snow is 60 kN: other cases are reported."""
+    law = jc.Polygonal([0.0, 2e-3, 0.1], [0.0, 4e8, 4e8])
+    rope = jc.Cables([[0, 1]], area=1e-4, law=law)
+    supports = jc.pinned([0]) + jc.restrained([1], "xy")
+    structure = jc.Structure([[0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rope, supports=supports)
+    phases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1000.0)))]
+    jc.save_scene("weak.json", (structure, phases), actions=actions(-4e4)[1:])
+    words = "solve weak.json --combinations 'EN 1990' --which 'ULS 6.10' --report"
+    assert command(words) == 1
+    out, err = capsys.readouterr()
+    assert (
+        "2 of 5 combinations failed: ULS 6.10-" in err and "left out of envelopes: ULS 6.10-" in out
+    )
+
+
+def test_info_shows_actions(folder, capsys):
+    assert command("info rope.json") == 0
+    told = capsys.readouterr().out
+    assert "action self-weight, permanent (in the phases)\n  self-weight\n" in told
+    assert "action snow, snow\n  NodalLoads on 1 nodes, sum (0, 0, -1) kN\n" in told
+
+
+def test_other_commands_keep_actions(folder):
+    words = "optimize rope.json --target 6 --same-in-group --save best.json --quiet"
+    assert command(words) in (0, 1)
+    assert command("form rope.json --force-density 2 --save formed.json --quiet") == 0
+    names = [one.name for one in actions()]
+    assert [one.name for one in jc.load_scene("formed.json").actions] == names
+    assert [one.name for one in jc.load_scene("best.json").actions] == names
