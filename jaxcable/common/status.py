@@ -274,8 +274,9 @@ def raise_if_failed(solution: Any) -> None:
             k = failed[0]
             factor = np.asarray(phase.path.load_factor)[case][k]
             residual = np.asarray(phase.path.residual)[case][k]
-            # the residual of a step that was never taken is zero, and says nothing
-            size = f", residual {residual:.3g} N" if residual != 0 else ""
+            # the residual of a step that was never taken is zero or NaN, and says nothing
+            known = residual != 0 and not np.isnan(residual)
+            size = f", residual {residual:.3g} N" if known else ""
             raise AnalysisError(
                 f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
                 f"{factor:.6g}){size}: {describe(code)}"
