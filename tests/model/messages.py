@@ -559,6 +559,7 @@ jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
+jc.raise_if_failed(solution(), ["a"])  # names: expected a name for each case of a batch; ... ()
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
 jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
@@ -735,6 +736,12 @@ stated(HANGING, end_tension=2.0)
     # elements.weight: no phase has SelfWeight
 stated(HANGING, built_sag=150.0, loads=jc.SelfWeight())
     # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
+materials.steel(355)
+    # yield_stress = 355: Pa, and E is 2.1e+11 Pa: a strain of 1.7e-09, ... is it in MPa?
+materials.strand(1860.0)
+    # strength = 1860: Pa, and E is 1.95e+11 Pa: ... is it in MPa?
+materials.tension_only(165e9, 1500.0, 0.02)
+    # strength = 1500: Pa, and E is 1.65e+11 Pa: ... is it in MPa?
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
