@@ -503,6 +503,14 @@ stated(horizontal_tension=1.0)
     # phases[0].horizontal_tension: only catenaries have a stated horizontal tension
 stated(built_sag=1.0)
     # phases[0].built_sag: only catenaries with a weight can have a stated sag
+stated(HANGING, built_sag=jc.results.Sag(*7 * [np.ones(3)]))
+    # phases[0].built_sag: got a Sag of results.sags; give the `midspan` of it
+stated({"net": HANGING}, sag={"net": jc.results.Sag(*7 * [np.ones(3)])})
+    # phases[0].sag: got a Sag of results.sags; give the `midspan` of it
+jc.solve(net(elements={"net": HANGING}), Phase(built_sag={"net": 0.1}, loads=push()))
+    # phases[0].built_sag['net']: no load acts along the cables in this phase, and without
+jc.solve(net(elements=HANGING), Phase(horizontal_tension=1e-30, loads=jc.SelfWeight()))
+    # phases[0].horizontal_tension[0] = 1e-30: the cable would be 2.9e+29 times as long as its
 Phase(end_tension=1.0, tension_at="top")
     # tension_at = 'top': expected one of lower, upper, first, second
 stated(pretension=[10.0, -10.0, 10.0])
@@ -552,6 +560,7 @@ jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
+jc.raise_if_failed(solution(), ["a"])  # names: expected a name for each case of a batch; ... ()
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
 jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
@@ -763,8 +772,16 @@ stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
 jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
-stated(HANGING, built_sag=150.0)
+stated(HANGING, end_tension=2.0)
+    # elements.weight: no phase has SelfWeight
+stated(HANGING, built_sag=150.0, loads=jc.SelfWeight())
     # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
+materials.steel(355)
+    # yield_stress = 355: Pa, and E is 2.1e+11 Pa: a strain of 1.7e-09, ... is it in MPa?
+materials.strand(1860.0)
+    # strength = 1860: Pa, and E is 1.95e+11 Pa: ... is it in MPa?
+materials.tension_only(165e9, 1500.0, 0.02)
+    # strength = 1500: Pa, and E is 1.65e+11 Pa: ... is it in MPa?
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
