@@ -80,10 +80,6 @@ class _SceneOfFile(Scene):
         vars(scene).update(vars(self))
         return scene
 
-    def _replace(self, /, **fields):
-        """Return the scene with other fields, and with its units."""
-        return super()._replace(**fields).with_units(self._units)
-
 
 def two_phase_scene(
     structure: Structure, increments: tuple[int, int], then: Load | list[Load], **first: Any
