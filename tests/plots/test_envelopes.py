@@ -1,0 +1,118 @@
+"""Pictures of envelopes: what they draw, what their legends name, and that nothing is cut off."""
+
+import jax
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+
+import jaxcable as jc
+from jaxcable.common.status import NOT_CONVERGED, OK
+from jaxcable.common.tree import copy_with
+
+SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+NODES = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0], [2.0, 0.0, 2.0]]
+ROPE = jc.Cables([[3, 1]], axial_stiffness=1e5, strength=2e4)
+BEAMS = jc.Beams([[0, 1], [1, 2]], section=SECTION)
+ENDS = jc.restrained([0], "xyz", "x") + jc.restrained([2], "yz") + jc.pinned([3])
+STRUCTURE = jc.Structure(NODES, {"beam": BEAMS, "rope": ROPE}, supports=ENDS)
+START = jc.Phase(pretension={"rope": 100.0}, loads=jc.NodalLoads([1], (0.0, 0.0, -1e3)))
+CASES = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, p))) for p in (-500.0, 900.0)]
+NAMES = ["snow", "wind"]
+
+
+@pytest.fixture(scope="module")
+def solved():
+    solutions = jc.design.solve_cases(STRUCTURE, START, CASES)
+    assert (solutions.status == 0).all()
+    return solutions, jc.design.envelope(STRUCTURE, solutions, NAMES)
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def nothing_is_cut_off(figure):
+    figure.draw_without_rendering()
+    width, height = figure.get_size_inches() * figure.dpi
+    shown = [*figure.legends, *(t for axes in figure.axes for t in axes.texts)]
+    shown += [axes.title for axes in figure.axes]
+    for part in shown:
+        box = part.get_window_extent()
+        assert box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1 and box.y1 <= height + 1
+
+
+@pytest.mark.parametrize("units, factor, unit", [(None, 1.0, "N m"), ("kN, m", 1e-3, "kN m")])
+def test_moments_are_drawn_to_scale_and_named(solved, units, factor, unit, tmp_path):
+    _, envelope = solved
+    path = tmp_path / "My.png"
+    figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "My", path, units=units)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    moments = np.stack([np.asarray(x) for x in jax.tree.leaves(envelope.values["My"])])
+    case = np.unravel_index(moments.argmin(), moments.shape)[1]
+    text = f"smallest My: {factor * moments.min():.4g} {unit}, {NAMES[case]}"
+    assert text in legend(figure) and "pinned" in legend(figure)
+    (axes,) = figure.axes
+    assert axes.get_aspect() == 1.0
+    written = {float(text.get_text()) for text in axes.texts}
+    assert float(f"{factor * moments.min():.4g}") in written
+    lines = [c for c in axes.collections if isinstance(c, LineCollection)]
+    z = np.concatenate([np.array(part)[:, 1] for part in lines[-1].get_segments()])
+    assert z.min() == pytest.approx(-0.12 * 4.0)  # below, where the sagging beam is in tension
+    nothing_is_cut_off(figure)
+
+
+def test_displacements_show_the_case_that_governs(solved):
+    solutions, envelope = solved
+    figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "displacement", units="kN, m")
+    sizes = np.linalg.norm(solutions.displacement, axis=2)
+    case, node = np.unravel_index(sizes.argmax(), sizes.shape)
+    text = f"largest displacement: {1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
+    assert legend(figure)[:2] == [text, "all 2 cases"]
+    nothing_is_cut_off(figure)
+
+
+def test_element_values_have_one_scale(solved):
+    _, envelope = solved
+    figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "tension")
+    most = max(float(np.max(x)) for x in jax.tree.leaves(envelope.high["tension"]))
+    assert legend(figure)[0].startswith(f"largest tension: {most:.4g} N, ")
+    first, second = (
+        next(c for c in axes.collections if c.get_array() is not None) for axes in figure.axes[:2]
+    )
+    assert first.get_clim() == second.get_clim() and first.get_clim()[1] == pytest.approx(most)
+    nothing_is_cut_off(figure)
+
+
+def test_failed_cases_are_not_drawn(solved):
+    solutions, _ = solved
+    codes = np.array([NOT_CONVERGED, OK])
+    failed = jc.design.envelope(STRUCTURE, copy_with(solutions, status=codes), NAMES)
+    figure = jc.plots.envelope_diagram(STRUCTURE, failed, "displacement")
+    assert "all 1 cases" in legend(figure) and legend(figure)[0].endswith("wind")
+
+
+REFUSED = {
+    "of = 'Mq': is no result": {"of": "Mq"},
+    "of = 'reactions': has no number for each element": {"of": "reactions"},
+    "high = 0: must be positive": {"high": 0},
+    "view = 'side'": {"view": "side"},
+}
+
+
+@pytest.mark.parametrize("message", REFUSED)
+def test_what_cannot_be_drawn_is_refused(solved, message):
+    with pytest.raises(ValueError, match=message):
+        jc.plots.envelope_diagram(STRUCTURE, solved[1], **REFUSED[message])
+    with pytest.raises(ValueError, match="envelope: expected a ResultEnvelope"):
+        jc.plots.envelope_diagram(STRUCTURE, solved[0])
+
+
+def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
+    solutions, _ = solved
+    begin = jc.solve(STRUCTURE, START)
+    pictures = jc.plots.for_report(STRUCTURE, begin, cases=solutions, names=NAMES)
+    shown = "".join(pictures)
+    assert "Utilization in snow" in shown and "Envelope of My" in shown and "of T" not in shown
+    report = jc.report(STRUCTURE, begin, cases=solutions, names=NAMES)
+    (path,) = report.save(tmp_path / "r.html", pictures=pictures)
+    assert path.read_text().count("<figure>") == len(pictures) >= 5
