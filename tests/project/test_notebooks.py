@@ -84,7 +84,9 @@ def test_a_notebook_has_the_cells_of_its_source_and_their_outputs(path):
     assert notebook.stat().st_size < 1_500_000
     kind, text = cells(path)[0]
     assert kind == "markdown" and text.startswith("# ") and "?" in text  # it opens with a question
-    assert re.search(r"run takes up to \d minutes on two cores", text)  # and says how long one waits
+    assert re.search(
+        r"run takes up to \d minutes on two cores", text
+    )  # and says how long one waits
     address = f"{REPOSITORY}/blob/main/notebooks/{notebook.name}"
     assert text.endswith(f"]({address.replace('github.com', COLAB)})")  # the badge opens this one
     last = [text for kind, text in cells(path) if kind == "code"][-1]
