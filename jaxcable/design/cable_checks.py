@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
+from ..analysis.solution import Solution
 from ..common import checks
-from ..common.types import ArrayLike, Float
+from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
+from ..model.structure import Structure
 from ..standards.cables import (
     FATIGUE_CATEGORIES,
     SERVICE_FRACTIONS,
@@ -19,8 +21,11 @@ from ..standards.cables import (
     cable_resistance,
     termination_factor,
 )
-from .check import SERVICE, ULTIMATE, UTILIZATION, OnElements, in_cases, largest_forces
+from .check import SERVICE, ULTIMATE, UTILIZATION, OnElements, Terms, in_cases, largest_forces
 from .result_envelopes import extreme_cases
+
+_UNITS = {"F_Ed": "N", "F_Rd": "N"}
+_FATIGUE_UNITS = {"range": "Pa", "range_Rd": "Pa", "highest F": "N", "lowest F": "N"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +38,7 @@ class _OnCables(OnElements):
     requirement_met: ClassVar[str] = (
         "has cables with a strength, the minimum breaking force in N; give strength=..."
     )
-    units: ClassVar = {"F_Ed": "N", "F_Rd": "N"}
+    units = _UNITS
 
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements have tension only, and a strength."""
@@ -81,12 +86,12 @@ class CableResistance(_OnCables):
         super().__post_init__()
         cable_resistance(1.0, self.proof_force, termination=self.termination, gamma_r=self.gamma_r)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
         proof = {} if self.proof_force is None else {"F_k (N)": self.proof_force}
         return {"k_e": _factor(self.termination), "gamma_R": self.gamma_r, **proof}
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, resistance and utilization of each cable."""
         resistance = cable_resistance(
             self.strengths(structure),
@@ -137,11 +142,11 @@ class CableService(_OnCables):
         given = self.fraction
         return SERVICE_FRACTIONS[given] if isinstance(given, str) else given
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers that the user gave."""
         return {"fraction": self._number(), "k_e": _factor(self.termination)}
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, limit and utilization of each cable."""
         limit = self._number() * termination_factor(self.termination) * self.strengths(structure)
         return self._rated(structure, solution, limit)
@@ -179,11 +184,11 @@ class CableSafety(_OnCables):
         super().__post_init__()
         termination_factor(self.termination)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers that the user gave."""
         return {"factor": self.factor, "k_e": _factor(self.termination)}
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, resistance and utilization of each cable."""
         resistance = termination_factor(self.termination) * self.strengths(structure)
         return self._rated(structure, solution, resistance / jnp.asarray(self.factor))
@@ -229,7 +234,7 @@ class CableFatigue(_OnCables):
     clause = "EN 1993-1-11:2006, 9.2"
     formula = "gamma_Ff (max F_Ed - min F_Ed) / A / (range_R / gamma_Mf)"
     not_covered = "spectra of ranges, bending of the cable, vibration"
-    units: ClassVar = {"range": "Pa", "range_Rd": "Pa", "highest F": "N", "lowest F": "N"}
+    units = _FATIGUE_UNITS
     requirement: ClassVar[str] = "have no metallic area, or are no cables; give area=..."
     requirement_met: ClassVar[str] = "has cables with a metallic area; give area=..."
 
@@ -241,7 +246,7 @@ class CableFatigue(_OnCables):
         """Return whether the elements have tension only, and an area."""
         return bool(group.tension_only) and not (self.area is None and group.area is None)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers that the user gave."""
         name = self.category
         return {
@@ -251,7 +256,7 @@ class CableFatigue(_OnCables):
             "gamma_Ff": self.gamma_ff,
         }
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return the force and the area of each cable; `over_cases` makes the utilization."""
         given = [one.area if self.area is None else self.area for one in structure.groups]
         areas = [
@@ -262,7 +267,9 @@ class CableFatigue(_OnCables):
         # the sum makes the area NaN where the case has failed, as the force is
         return {UTILIZATION: force, "area": self.taken(structure, areas) + 0.0 * force}
 
-    def over_cases(self, terms):
+    def over_cases(
+        self, terms: dict[str, Float[Array, "n_case n_item"]]
+    ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
         """Return the range, its resistance and the utilization, and the two cases."""
         force = terms[UTILIZATION]
         low_case, high_case = (extreme_cases(force, sign) for sign in (-1, 1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
 import jax
@@ -14,7 +15,9 @@ import numpy as np
 from ..analysis.activation import element_masks
 from ..analysis.phases import keys_as_whole_groups
 from ..analysis.solution import Solution
-from ..common.types import Array, Float, PyTree
+from ..common.owned import owned_copy
+from ..common.selection import Selection
+from ..common.types import Array, Float, Int, PyTree
 from ..elements.element import Element
 from ..model.result_parts import items_per_group, named_groups_of
 from ..model.structure import Structure
@@ -65,10 +68,15 @@ class Check(abc.ABC):
 
     name: str
     of: Sequence[str]
-    clause: ClassVar[str] = ""
-    formula: ClassVar[str] = ""
-    units: ClassVar[Mapping[str, str]] = {}
-    not_covered: ClassVar[str] = ""
+    clause: str = ""
+    formula: str = ""
+    units: Mapping[str, str] = MappingProxyType({})
+    not_covered: str = ""
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, owned_copy(getattr(self, field.name)))
+        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
 
     @abc.abstractmethod
     def items(self, structure: Structure) -> list[str]:
@@ -85,7 +93,9 @@ class Check(abc.ABC):
         """Return the numbers and words that the user gave, for reports."""
         return {}
 
-    def over_cases(self, terms: dict[str, Float[Array, "n_case n_item"]]) -> tuple[Terms, Any, Any]:
+    def over_cases(
+        self, terms: dict[str, Float[Array, "n_case n_item"]]
+    ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
         """Return the terms that govern, and the cases they come from.
 
         Args:
@@ -98,7 +108,9 @@ class Check(abc.ABC):
         return {name: in_cases(values, which) for name, values in terms.items()}, which, None
 
 
-def in_cases(values: Float[Array, "n_case n_item"], which: Any) -> Float[Array, " n_item"]:
+def in_cases(
+    values: Float[Array, "n_case n_item"], which: Int[Array, " n_item"]
+) -> Float[Array, " n_item"]:
     """Return the values of each item in the case `which`, [n_item]."""
     return jnp.take_along_axis(values, which[None], axis=0)[0]
 
@@ -113,13 +125,13 @@ class OnElements(Check):
         name, of: as of `Check`.
     """
 
-    elements: Any = None
+    elements: str | Sequence[str] | PyTree[Selection] | None = None
     name: str = ""
     of: Sequence[str] = ()
 
     def __post_init__(self):
+        super().__post_init__()
         object.__setattr__(self, "elements", keys_as_whole_groups(self.elements))
-        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
 
     @abc.abstractmethod
     def is_meant_for(self, group: Element) -> bool:

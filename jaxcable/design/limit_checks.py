@@ -20,7 +20,9 @@ from ..common import checks
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import TENSION, Element
 from ..model.structure import Structure
-from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, largest_forces
+from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, Terms, largest_forces
+
+_DISPLACEMENTS, _TENSIONS, _REACTIONS = {"displacement": "m"}, {"tension": "N"}, {"reaction": "N"}
 
 
 def limit_utilization(
@@ -73,7 +75,7 @@ class OwnCheck(Check):
         of: limit states or rules whose combinations count, see `Check`.
         unit: of the values.
         labels: names of the items, [n_item]; default "value 0" and so on.
-        source: clause or text that a report shows.
+        clause: what a report shows as the source.
 
     Example:
         The horizontal thrust on a support must not exceed 12 kN:
@@ -96,39 +98,30 @@ class OwnCheck(Check):
     of: Sequence[str] = ()
     unit: str = "-"
     labels: Sequence[str] | None = None
-    source: str = ""
+    clause: str = ""
 
-    formula: ClassVar[str] = "value / upper limit, or lower limit / value"
+    formula = "value / upper limit, or lower limit / value"
 
     def __post_init__(self):
-        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        super().__post_init__()
         if not callable(self.function):
             kind = checks.describe_type(self.function, "lambda structure, solution: ...")
             raise ValueError(f"function: expected a function, got {kind}")
         if self.lower is None and self.upper is None:
             object.__setattr__(self, "upper", 1.0)
         _check_limits(self.name, self.lower, self.upper)
+        object.__setattr__(self, "units", {"value": self.unit})
 
-    @property
-    def units(self):
-        """Unit of the values."""
-        return {"value": self.unit}
-
-    @property
-    def clause(self):
-        """What a report shows as the source."""
-        return self.source
-
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the limits."""
         given = {"lower": self.lower, "upper": self.upper}
         return {f"{k} ({self.unit})": v for k, v in given.items() if v is not None}
 
-    def items(self, structure):
+    def items(self, structure: Structure) -> list[str]:
         """Return the names of the items; empty if the values have to be known for them."""
         return list(self.labels or ())
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return the values of the function and their utilization."""
         value = jnp.atleast_1d(jnp.asarray(self.function(structure, solution)))
         if value.ndim != 1:
@@ -164,12 +157,12 @@ class DisplacementLimit(Check):
     name: str = "displacement"
     of: Sequence[str] = SERVICE
 
-    clause: ClassVar[str] = "given limit"
-    formula: ClassVar[str] = "displacement / limit"
-    units: ClassVar = {"displacement": "m"}
+    clause = "given limit"
+    formula = "displacement / limit"
+    units = _DISPLACEMENTS
 
     def __post_init__(self):
-        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        super().__post_init__()
         _check_limits(self.name, None, self.upper)
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
@@ -177,17 +170,17 @@ class DisplacementLimit(Check):
     def _numbers(self, structure):
         return _node_numbers(self.nodes, structure, self.name)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the limit and the direction."""
         along = {} if self.direction is None else {"direction": str(list(self.direction))}
         since = {} if self.since is None else {"since": "a state that was given"}
         return {"limit (m)": self.upper, **along, **since}
 
-    def items(self, structure):
+    def items(self, structure: Structure) -> list[str]:
         """Return the names of the nodes."""
         return [f"node {k}" for k in self._numbers(structure)]
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return displacements and their utilization."""
         moved = solution.displacement
         if self.since is not None:
@@ -222,9 +215,9 @@ class TensionLimit(OnElements):
     name: str = "tension that remains"
     of: Sequence[str] = SERVICE
 
-    clause: ClassVar[str] = "given limit"
-    formula: ClassVar[str] = "smallest tension / tension"
-    units: ClassVar = {"tension": "N"}
+    clause = "given limit"
+    formula = "smallest tension / tension"
+    units = _TENSIONS
     requirement: ClassVar[str] = "are no cables"
     requirement_met: ClassVar[str] = "has cables"
 
@@ -239,11 +232,11 @@ class TensionLimit(OnElements):
         """Return whether the elements have tension only."""
         return bool(group.tension_only) and any(one.name == TENSION.name for one in group.results)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the limit."""
         return {"smallest tension (N)": self.lower}
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return tensions, the largest along each element, and utilizations."""
         force = largest_forces(self, structure, solution)
         return {"tension": force, UTILIZATION: limit_utilization(force, self.lower)}
@@ -277,26 +270,26 @@ class ReactionLimit(Check):
     name: str = "reaction"
     of: Sequence[str] = ULTIMATE
 
-    clause: ClassVar[str] = "given limit"
-    formula: ClassVar[str] = "reaction / limit"
-    units: ClassVar = {"reaction": "N"}
+    clause = "given limit"
+    formula = "reaction / limit"
+    units = _REACTIONS
 
     def __post_init__(self):
-        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        super().__post_init__()
         _check_limits(self.name, self.lower, self.upper)
         _unit_vector(self.direction, self.name)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the limits and the direction."""
         given = {"lower (N)": self.lower, "upper (N)": self.upper}
         known = {name: value for name, value in given.items() if value is not None}
         return {**known, "direction": str(list(self.direction))}
 
-    def items(self, structure):
+    def items(self, structure: Structure) -> list[str]:
         """Return the names of the nodes."""
         return [f"node {k}" for k in _node_numbers(self.nodes, structure, self.name)]
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return reactions and their utilization."""
         numbers = _node_numbers(self.nodes, structure, self.name)
         value = solution.reactions[numbers] @ _unit_vector(self.direction, self.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import jax
@@ -20,6 +20,7 @@ from ..model.structure import Structure
 from ..results import section_forces
 from ..standards.steel_members import (
     IMPERFECTION_FACTORS,
+    ProfileNumbers,
     SteelSection,
     buckling_reduction,
     combined_bending,
@@ -28,17 +29,18 @@ from ..standards.steel_members import (
     steel_section,
 )
 from ..stiffness.buckling import buckling_factor
-from .check import ULTIMATE, UTILIZATION, OnElements
+from .check import ULTIMATE, UTILIZATION, OnElements, Terms
 
 _COMPONENTS = "N", "Vy", "Vz", "T", "My", "Mz"
 _UNITS = {"N": "N", "Vy": "N", "Vz": "N", "T": "N m", "My": "N m", "Mz": "N m"}
+_BUCKLING_UNITS = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
 
 
 @dataclasses.dataclass(frozen=True)
 class _OnMembers(OnElements):
     """Base of checks of beams, and of bars, which have axial forces alone."""
 
-    profile: Any = None
+    profile: ProfileNumbers | Mapping[str, Float[ArrayLike, ""]] | SteelSection | None = None
     yield_strength: Float[ArrayLike, ""] | None = None
     section_class: int = 3
     places: int = 11
@@ -54,16 +56,22 @@ class _OnMembers(OnElements):
                 'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
-        object.__setattr__(self, "profile", steel_section(self.profile, self.section_class))
+        steel_section(self.profile, self.section_class)
+
+    @property
+    def section(self) -> SteelSection:
+        """Numbers of the cross-section."""
+        assert self.profile is not None
+        return steel_section(self.profile, self.section_class)
 
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements can be compressed and have an axial force."""
         has_axial_force = any(one.name == TENSION.name for one in group.results)
         return has_axial_force and not is_one_sided(group)
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
-        s: SteelSection = self.profile
+        s = self.section
         return {
             "section": s.label,
             "f_y (Pa)": self.yield_strength,
@@ -119,22 +127,22 @@ class MemberSection(_OnMembers):
 
     clause = "EN 1993-1-1:2005, 6.2.1 (7), 6.2.6, 6.2.8"
     formula = "N/N_Rd + My/My_Rd + Mz/Mz_Rd, or V/V_Rd"
-    units: ClassVar = _UNITS
+    units = _UNITS
     not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
-        s = self.profile
+        s = self.section
         shear = {
             f"Av{k} (m2)": "not checked" if v is None else v
             for k, v in {"y": s.Avy, "z": s.Avz}.items()
         }
         return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0}
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return the section forces at the place that governs, and the utilization."""
         forces = self._forces(structure, solution)
-        used = section_utilization(forces, self.profile, self.yield_strength, self.gamma_m0)
+        used = section_utilization(forces, self.section, self.yield_strength, self.gamma_m0)
         place = jnp.argmax(jnp.where(jnp.isnan(used), -jnp.inf, used), axis=1)
         at = jnp.take_along_axis(forces, place[:, None, None], axis=1)[:, 0]
         found = {name: at[:, k] for k, name in enumerate(_COMPONENTS)}
@@ -191,7 +199,7 @@ class MemberBuckling(_OnMembers):
 
     clause = "EN 1993-1-1:2005, 6.3.1, with moments of second order"
     formula = "-N/(chi A f_y/gamma_M1) + My/(chi_LT Wy f_y/gamma_M1) + Mz/(Wz f_y/gamma_M1)"
-    units: ClassVar = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
+    units = _BUCKLING_UNITS
     not_covered = "torsional buckling, lateral torsional buckling beyond chi_LT, class 4"
 
     def __post_init__(self):
@@ -212,18 +220,19 @@ class MemberBuckling(_OnMembers):
         if self.reference is not None and self.factors is None:
             raise ValueError("reference: belongs to factors, which are missing")
 
-    def inputs(self):
+    def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
         if self.lengths is None:
-            how = {"buckling factor": self.factors}
+            how: dict[str, Any] = {"buckling factor": self.factors}
         else:
-            how = {f"L_cr,{k} (m)": v for k, v in zip("yz", self.lengths, strict=True)}
+            lengths = np.broadcast_to(np.asarray(self.lengths), (2,)).tolist()
+            how = {f"L_cr,{k} (m)": v for k, v in zip("yz", lengths, strict=True)}
         how |= {"curves": " and ".join(self.curves), "chi_LT": self.chi_lt}
         return {**super().inputs(), **how, "gamma_M1": self.gamma_m1}
 
     def _reduction(self, structure, pressed):
         """Return chi, the smaller of those about y and z, for compressions [n_item], N."""
-        s, strength = self.profile, jnp.asarray(self.yield_strength)
+        s, strength = self.section, jnp.asarray(self.yield_strength)
         if self.lengths is None:
             reference = jnp.zeros_like(pressed)
             if self.reference is not None:
@@ -240,13 +249,13 @@ class MemberBuckling(_OnMembers):
         ]
         return jnp.broadcast_to(jnp.minimum(*about), pressed.shape)
 
-    def terms(self, structure, solution):
+    def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return axial force, its resistance, the largest moments, and the utilization."""
         forces = self._forces(structure, solution)
         smallest = forces[..., 0].min(axis=1)
         pressed = jnp.maximum(-smallest, 0.0)
         chi = self._reduction(structure, pressed)
-        s = self.profile
+        s = self.section
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
         My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))
         about_y, about_z = My / (self.chi_lt * s.Wy * strength), Mz / (s.Wz * strength)

@@ -44,7 +44,7 @@ class SteelSection(NamedTuple):
     label: str = "given numbers"
 
 
-class _Profile(Protocol):
+class ProfileNumbers(Protocol):
     """What `steel_section` needs of `catalogue.ProfileData`."""
 
     name: str
@@ -64,7 +64,8 @@ class _Profile(Protocol):
 
 
 def steel_section(
-    profile: _Profile | Mapping[str, Float[ArrayLike, ""]] | SteelSection, section_class: int = 3
+    profile: ProfileNumbers | Mapping[str, Float[ArrayLike, ""]] | SteelSection,
+    section_class: int = 3,
 ) -> SteelSection:
     """Return the numbers of a section that its resistance depends on.
 

@@ -330,7 +330,7 @@ def test_own_checks():
         lower=7.9,
         unit="m",
         labels=["top"],
-        source="client",
+        clause="client",
     )
     found = design.checks(structure, solution, top)
     height = float(solution.positions[1, 2])
@@ -347,3 +347,11 @@ def test_cases_that_begin_at_a_solution_need_no_phases():
     led = design.solve_cases(structure, CALM, cases)
     assert not np.asarray(begun.status).any()
     np.testing.assert_allclose(begun.tension["stays"], led.tension["stays"], rtol=1e-9)
+
+
+def test_checks_own_what_they_are_given():
+    """A list of nodes that changes later changes nothing."""
+    nodes = np.array([0, 3])
+    check = design.ReactionLimit(nodes, upper=1.0)
+    nodes[0] = 2
+    assert check.items(stayed()) == ["node 0", "node 3"]
