@@ -16,6 +16,8 @@
 #
 # All units are SI: m, N, Pa.
 #
+# The first run takes up to 2 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/01_first_net.ipynb)
 
 # %%
@@ -41,7 +43,7 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

@@ -14,6 +14,8 @@
 # to which cables are cut follow from shape, forces and stiffness. This notebook does so for a roof
 # of 14 x 14 m, and then computes its deflection under snow.
 #
+# The first run takes up to 4 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/02_form_finding.ipynb)
 
 # %%
@@ -35,7 +37,7 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

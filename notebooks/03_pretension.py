@@ -14,6 +14,8 @@
 # the default optimizer, and by Adam from optax), then for a specification: the least prestress with
 # which deflections stay within a limit, no cable is nearly slack and none is overstressed.
 #
+# The first run takes up to 7 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/03_pretension.ipynb)
 
 # %%
@@ -36,7 +38,7 @@ from scipy import optimize
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

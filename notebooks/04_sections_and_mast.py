@@ -14,6 +14,8 @@
 # stress-strain curve of the steel. Here a section is loaded beyond yielding and checked by closed
 # forms; then a mast of such a section stands in the wind.
 #
+# The first run takes up to 4 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/04_sections_and_mast.ipynb)
 
 # %%
@@ -35,7 +37,7 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

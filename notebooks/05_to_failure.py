@@ -19,6 +19,8 @@
 # Cables that go slack on the way are no failure, but good to know. `jc.trace_path` follows the
 # equilibrium path by arc length, past maxima, and locates all of these.
 #
+# The first run takes up to 3 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/05_to_failure.ipynb)
 
 # %%
@@ -40,7 +42,7 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

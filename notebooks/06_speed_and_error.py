@@ -17,6 +17,8 @@
 #
 # Times are those of this machine at this moment; elsewhere only their ratios are meaningful.
 #
+# A run takes up to 3 minutes on two cores, most of them to compile.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/06_speed_and_error.ipynb)
 
 # %%

@@ -17,6 +17,8 @@
 # jax can treat one processor as several devices, if an environment variable says so before jax is
 # imported. Never take more devices than there are cores: they would wait for each other.
 #
+# A run takes up to 4 minutes on two cores, most of them to compile.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/07_large_nets.ipynb)
 
 # %%

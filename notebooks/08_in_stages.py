@@ -15,6 +15,8 @@
 # the forces of a removed element are ramped down to zero. Everything else in an analysis, gradients
 # included, is as before.
 #
+# The first run takes up to 7 minutes on two cores, most of them to compile; the next one, less.
+#
 # [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/08_in_stages.ipynb)
 
 # %%

@@ -11,37 +11,44 @@ or of sags, which are nearly proportional to the inverse of a force, ``stated / 
 Newton's method solves them: each step analyses the phases, and the Jacobian is exact. The unknown
 of a cable is ``log(L0 / d)`` with its unstressed length L0 and the chord d as drawn: in it forces
 of taut cables are nearly linear, also where guys nearly let a mast sway. The search begins with
-the lengths of parabolas between ends that do not move,
-``L0 = d exp((w l)^2 / (24 t^2)) / (1 + t / EA)`` with the tension t, the span l and the weight w.
-The derivative of the lengths is that of an implicit root. (Derived for this package.)
+the lengths of cables between ends that do not move,
+``L0 = d sqrt(1 + 2 x) / (1 + t / EA)`` with ``x = (w l / t)^2 / 24``, the tension t, the span l and
+the weight w: those of parabolas where cables are taut, and lengths in proportion to the sag where
+they hang deep. The derivative of the lengths is that of an implicit root. (Derived for this
+package.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..common import status
+from ..common import checks, status
 from ..common.compilation import is_top_level_call
-from ..common.rules import are_rules_kept
 from ..common.selection import only
 from ..common.tree import copy_with, replace
-from ..common.types import Array, Bool, Float, Int
+from ..common.types import Array, Float, Int
 from ..elements.abilities import Sagging
 from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
+from .as_built_statements import (
+    describe_unmet,
+    mask_of,
+    refuse_lengths_beyond_digits,
+    stated_as_built,
+)
 from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
 from .length_search import search, solve_dense
 from .phases import Phase, as_phases
-from .prestress_rules import span_rules, value_rules
+from .preparation import prepare
 from .recalled_derivative import without_derivatives
 from .sensitivity import measured_results_and_jacobian
 from .solution import Solution, State
@@ -51,29 +58,6 @@ Run = Callable[..., Solution]
 """Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
 
 _MEASURED = "displacement", "positions", "tension", "rest_length", "results"
-
-
-class Stated(NamedTuple):
-    """What a phase states as built of hanging cables of one group.
-
-    Attributes:
-        phase, group: indices.
-        name: "end_tension", "horizontal_tension" or "built_sag".
-        given: the name under which the phase states it, which may be "jacking".
-        elements: the cables, [n], NumPy.
-        values: stated values, [n], N or m.
-        at_first: of end tensions, whether they are those of the first end, [n] bool.
-        allowed: whether the values keep their rules, scalar bool.
-    """
-
-    phase: int
-    group: int
-    name: str
-    given: str
-    elements: Int[np.ndarray, " n"]
-    values: Float[Array, " n"]
-    at_first: Bool[Array, " n"]
-    allowed: Bool[Array, ""]
 
 
 def with_lengths_as_built(
@@ -100,14 +84,28 @@ def with_lengths_as_built(
     hangs = any(isinstance(group, Sagging) for group in structure.groups)
     if not any(are_as_built(phase, hangs) for phase in phases):
         return phases, None
-    stated = stated_as_built(structure, phases)
-    if not stated:
-        return _with_strains(structure, phases, stated, jnp.zeros(0)), None
+    with checks.without_warnings():
+        stated = stated_as_built(structure, phases, start)
+    if not stated:  # an end tension of straight elements is a jack's
+        return phases, None
+    prepare(structure, phases, method, start)  # for its warnings, which name what is stated
+    with checks.without_warnings():
+        found, code, errors = _with_found_lengths(structure, phases, method, start, run, stated)
+    if errors is not None and int(code) == status.NOT_AS_BUILT:
+        checks.warn_user(describe_unmet(stated, np.asarray(errors)))
+    return found, code
+
+
+def _with_found_lengths(structure, phases, method, start, run, stated):
+    """Return the phases with the strains that are found, a status, and the errors that are left.
+
+    `stated` is the list of what is `Stated`, one at least. The errors, [n], are None if traced.
+    """
     last = 1 + max(one.phase for one in stated)  # what comes later changes nothing
     arguments = structure, phases[:last], method, start
     known = without_derivatives(arguments)
     concrete = is_top_level_call(jax.tree.leaves(known))
-    m, code = _find_unknowns(known, run, concrete)
+    m, code, left = _find_unknowns(known, run, concrete)
     leaves, tree = jax.tree.flatten(arguments)
     moving = [k for k, leaf in enumerate(leaves) if _has_derivative(leaf)]
 
@@ -116,12 +114,12 @@ def with_lengths_as_built(
         for k, value in zip(moving, values, strict=True):
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
-        given = structure, phases, stated_as_built(structure, phases)
+        given = structure, phases, stated_as_built(structure, phases, start)
         return _errors(run(structure, _with_strains(*given, m), method, start), *given)
 
     values = [leaves[k] for k in moving]
     m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
-    return _with_strains(structure, phases, stated, m), code
+    return _with_strains(structure, phases, stated, m), code, left if concrete else None
 
 
 def _has_derivative(leaf):
@@ -133,61 +131,6 @@ def with_guessed_lengths(structure: Structure, phases: Sequence[Phase]) -> list[
     """Return phases of the shapes that `with_lengths_as_built` gives, with other numbers."""
     stated = stated_as_built(structure, phases)
     return _with_strains(structure, phases, stated, _guess(structure, stated))
-
-
-def refuse_as_built(
-    structure: Structure, phases: Sequence[Phase], function: str, before: int = 0
-) -> None:
-    """Raise ValueError if a phase states something as built of catenaries.
-
-    Args:
-        structure, phases: as for `solve`.
-        function: what does not take it, for the message.
-        before: number of phases before these.
-    """
-    stated = stated_as_built(structure, phases)
-    if stated:
-        raise ValueError(
-            f"phases[{before + stated[0].phase}].{stated[0].given}: {function} takes no prestress "
-            "as built; solve the phases, and state the `rest_length` of the solution"
-        )
-
-
-def stated_as_built(structure: Structure, phases: Sequence[Phase]) -> list[Stated]:
-    """Return what phases state as built of hanging cables; ValueError as of `Phase.statements`."""
-    found = []
-    for k, phase in enumerate(phases):
-        statements = phase.statements(structure, f"phases[{k}].") if are_as_built(phase) else ()
-        for number, own in enumerate(statements):
-            cables: Any = structure.groups[number]
-            if not isinstance(cables, Sagging):
-                continue
-            for name in (*AS_BUILT_STATEMENTS, "jacking"):
-                if name not in own:
-                    continue
-                chosen = _chosen(own[name], len(cables.links))
-                values = jnp.asarray(own[name].values, structure.nodes.dtype)[chosen]
-                mask = _mask(own[name], len(cables.links))
-                rules = value_rules(name, values, cables)
-                allowed = are_rules_kept([*rules, *span_rules(name, cables, structure.nodes, mask)])
-                given, name = name, "end_tension" if name == "jacking" else name
-                first = _is_first_end(phase.tension_at, structure, cables, chosen)
-                found.append(Stated(k, number, name, given, chosen, values, first, allowed))
-    return found
-
-
-def _chosen(stated, count):
-    """Return numbers of the elements that a statement concerns, [n], NumPy."""
-    return np.arange(count) if stated.chosen is None else np.flatnonzero(stated.chosen)
-
-
-def _is_first_end(tension_at, structure, cables, chosen):
-    """Return whether an end tension is that of the first end of each element, [n] bool."""
-    if tension_at in ("first", "second"):
-        return jnp.full(len(chosen), tension_at == "first")
-    heights = structure.nodes[:, 2][cables.links.array[chosen]]
-    lower = heights[:, 0] <= heights[:, 1]
-    return lower if tension_at == "lower" else ~lower
 
 
 # --- lengths
@@ -221,15 +164,10 @@ def _with_strains(structure, phases, stated, m):
 
 def _join(stated, elements, values, count):
     """Return `StatedValues` with further `values` of some elements."""
-    mask = np.zeros(count, bool) if stated is None else _mask(stated, count)
+    mask = np.zeros(count, bool) if stated is None else mask_of(stated, count)
     before = jnp.zeros(count, values.dtype) if stated is None else jnp.asarray(stated.values)
     mask[elements] = True
     return StatedValues(before.at[elements].set(values), None if mask.all() else mask)
-
-
-def _mask(stated, count):
-    """Return which elements a statement concerns, [n_elem] bool, a new NumPy array."""
-    return np.ones(count, bool) if stated.chosen is None else np.array(stated.chosen)
 
 
 def _as_argument(structure, stated):
@@ -266,7 +204,8 @@ def _guess(structure, stated):
             tension = tension * chord / span
         if one.name == "built_sag":
             tension = weight * span * chord / (8 * one.values)
-        parts.append((weight * span / tension) ** 2 / 24 - jnp.log1p(tension / stiffness))
+        slope = (weight * span / tension) ** 2 / 24 if one.loaded else 0.0
+        parts.append(0.5 * jnp.log1p(2 * slope) - jnp.log1p(tension / stiffness))
     return jnp.concatenate([jnp.zeros(0), *parts]).astype(structure.nodes.dtype)
 
 
@@ -309,14 +248,14 @@ _MEASURES: dict[str, Callable[[ElementShapes], Any]] = {
 
 
 def _find_unknowns(arguments, run, concrete):
-    """Return the unknowns, [n], without derivatives, and a status.
+    """Return the unknowns, [n], without derivatives, a status, and the errors that are left, [n].
 
     `arguments` are structure, phases, method and start. `concrete` says that all numbers are known:
     then the analyses run one after the other by the compiled programs of `solve`. Otherwise all of
     it is one loop of the program that is traced.
     """
     structure, phases, method, start = arguments
-    stated = stated_as_built(structure, phases)
+    stated = stated_as_built(structure, phases, start)
     given = structure, phases, stated
 
     def phases_of(m):
@@ -336,9 +275,11 @@ def _find_unknowns(arguments, run, concrete):
         return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
 
     m = _guess(structure, stated)
+    if concrete:
+        refuse_lengths_beyond_digits(stated, np.asarray(m))
     tol = 8 * jnp.sqrt(jnp.finfo(m.dtype).eps)
     if not isinstance(method, Incremental):  # and above what its equilibria leave
         tol = jnp.maximum(tol, 10 * residual_tolerance(method or Newton(), m.dtype))
-    m, code = search(evaluate, m, tol, concrete)
+    m, code, left = search(evaluate, m, tol, concrete)
     allowed = jnp.all(jnp.stack([one.allowed for one in stated]))
-    return m, jnp.where(allowed, code, status.INVALID_INPUT)
+    return m, jnp.where(allowed, code, status.INVALID_INPUT), left

@@ -28,6 +28,7 @@ class Iterate(NamedTuple):
         step: Newton's step from them, [n].
         part: part of it that is tried next.
         size: largest error there.
+        errors: all errors there, [n].
         code: status, once it has ended.
         tries: number of analyses.
         done: whether the search has ended.
@@ -37,6 +38,7 @@ class Iterate(NamedTuple):
     step: Float[Array, " n"]
     part: Float[Array, ""]
     size: Float[Array, ""]
+    errors: Float[Array, " n"]
     code: Int[Array, ""]
     tries: Int[Array, ""]
     done: Bool[Array, ""]
@@ -47,7 +49,7 @@ def search(
     guess: Float[Array, " n"],
     tol: Float[Array, ""],
     concrete: bool,
-) -> tuple[Float[Array, " n"], Int[Array, ""]]:
+) -> tuple[Float[Array, " n"], Int[Array, ""], Float[Array, " n"]]:
     """Search for the unknowns at which all errors are zero.
 
     Args:
@@ -58,11 +60,13 @@ def search(
         concrete: whether all numbers are known: then there is a loop of Python, else of jax.
 
     Returns:
-        The unknowns, and OK, NOT_AS_BUILT, or the status of the first analysis if that has failed.
+        The unknowns; OK, NOT_AS_BUILT, or the status of the first analysis if that has failed; and
+            the errors at the last unknowns that were better than those before, [n].
     """
     far = jnp.full((), jnp.inf, guess.dtype)
     zero, still = jnp.zeros((), jnp.int32), jnp.zeros_like(guess)
-    state = Iterate(guess, still, jnp.ones_like(far), far, zero, zero, jnp.zeros((), bool))
+    one, going_on = jnp.ones_like(far), jnp.zeros((), bool)
+    state = Iterate(guess, still, one, far, jnp.full_like(guess, jnp.nan), zero, zero, going_on)
 
     def advance(state):
         return _advance(state, tol, *evaluate(state.unknowns + state.part * state.step))
@@ -72,7 +76,7 @@ def search(
             state = advance(state)
     else:
         state = lax.while_loop(lambda state: ~state.done, advance, state)
-    return state.unknowns, state.code
+    return state.unknowns, state.code, state.errors
 
 
 def _advance(state, tol, errors, jacobian, code):
@@ -96,6 +100,7 @@ def _advance(state, tol, errors, jacobian, code):
         jnp.where(good, newton, state.step),
         jnp.where(good, jnp.minimum(1.0, _LONGEST_STEP / longest), 0.5 * state.part),
         jnp.where(good, size, state.size),
+        jnp.where(good | (state.tries == 0), errors, state.errors),
         jnp.where(close, status.OK, jnp.where(done, wrong, state.code)).astype(jnp.int32),
         tries,
         done,

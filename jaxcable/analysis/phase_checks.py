@@ -114,6 +114,7 @@ def check_loads(
         label = f"{where}.loads[{j}]"
         with prefix_errors(f"{label}: "):
             given.check(structure)
+            _require_known_nodes(given, structure)
             load, amplitude = split_amplitude(given, label, phase.increments)
             if isinstance(load, Moving):
                 load.check_supported(fixed)
@@ -123,6 +124,22 @@ def check_loads(
             if isinstance(load, kind):
                 pairs.append((load, amplitude))
     return found
+
+
+def _require_known_nodes(given, structure):
+    """Raise ValueError if a load has a node number, in `nodes` or its list of forces, too large.
+
+    Loads of the package have checked theirs; one that somebody has written may not do so.
+    """
+    load: Any = given.load if isinstance(given, Varying) else given
+    kind, found = type(load).__name__, []
+    if "nodes" in getattr(load, "_index_fields", ()):
+        found.append(getattr(load, "nodes", None))
+    if isinstance(load, OnNodes) and (listed := load.forces_at_nodes()) is not None:
+        found.append(listed[0])
+    for nodes in found:
+        if nodes is not None:
+            checks.require_known_nodes(nodes[:], structure.n_node, f"{kind}: nodes")
 
 
 def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[Any]]:

@@ -45,7 +45,7 @@ from .phases import Phase, as_phases
 from .prestress_rules import statements_keep_rules
 from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
-from .statements import end_tension_as_jack
+from .statements import concerns_weight, end_tension_as_jack
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -138,7 +138,7 @@ def prepare(
         presence, attached = presence.on_bundles(bundles), attached_phases(phases)
         idle = presence.inactive_dofs(structure, bundled)
     _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
-    if any(phase.loads is not None or phase.sag is not None for phase in phases):
+    if any(concerns_weight(phase) for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     dof_map, changes, before = number_phases(sets, numbered, idle)

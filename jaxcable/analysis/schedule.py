@@ -160,7 +160,7 @@ def stack_nodal_loads(
     zero = np.zeros(shape, dtype)
 
     def total(some):
-        arrays = (getattr(load, method)(shape, dtype) for load, own in some if own is None)
+        arrays = (_array_of_load(load, method, zero) for load, own in some if own is None)
         return sum(arrays, zero)
 
     sums = [total(some) for some in loads]
@@ -170,7 +170,7 @@ def stack_nodal_loads(
         return NodalIncrement(stack_trees(sums))
     values, amplitudes = [], []
     for proportional, some in zip(sums, varying, strict=True):
-        arrays = [getattr(load, method)(shape, dtype) for load, _ in some]
+        arrays = [_array_of_load(load, method, zero) for load, _ in some]
         padding = most - len(some)  # with loads of zero
         values.append(stack_trees([proportional, *arrays, *[zero] * padding]))
         amplitudes += [None, *(own for _, own in some), *[None] * padding]
@@ -178,6 +178,17 @@ def stack_nodal_loads(
     return NodalIncrement(
         stack_trees(values), jax.tree.map(lambda x: x.reshape(rows), stack_amplitudes(amplitudes))
     )
+
+
+def _array_of_load(load, method, zero):
+    """Return what a `method` of a load gives, in the shape of `zero`; ValueError if it cannot."""
+    try:
+        return getattr(load, method)(zero.shape, zero.dtype)
+    except IndexError as error:  # of a load that somebody has written
+        raise ValueError(
+            f"loads: {type(load).__name__}.{method}: {error}; if this is a node number that the "
+            "structure does not have, `check` of the load can refuse it"
+        ) from error
 
 
 def number_phases(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 
+from ..common import checks
 from ..common.compile_notice import show_compilation
 from ..common.progress import Increment, as_listener
 from ..common.status import first_failure
@@ -107,7 +109,9 @@ def solve(
     if not isinstance(exact_sizes, bool):
         raise ValueError(f"exact_sizes = {exact_sizes!r}: expected True or False")
     phases, found = phases_with_lengths(structure, phases, method, start)
-    task = prepare(structure, phases, method, start, to_end=True)
+    # prestress as built has been prepared as it is stated: messages have named that
+    with checks.without_warnings() if found is not None else contextlib.nullcontext():
+        task = prepare(structure, phases, method, start, to_end=True)
     if found is not None:
         task = task._replace(code=first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code

@@ -92,6 +92,11 @@ def are_as_built(phase: Any, hangs: bool = True) -> bool:
     return any(getattr(phase, name) is not None for name in names)
 
 
+def concerns_weight(phase: Any) -> bool:
+    """Return whether a phase has loads, or states what depends on a weight: a sag, or as built."""
+    return any(getattr(phase, name) is not None for name in ("loads", "sag", *AS_BUILT_STATEMENTS))
+
+
 def end_tension_as_jack(own: dict[str, StatedValues]) -> dict[str, StatedValues]:
     """Return the statements of straight elements, whose end tension is that of a jack, as such."""
     if "end_tension" not in own:
@@ -110,9 +115,16 @@ def _values_by_group(given, structure, name, path):
     groups = structure.groups
     if name not in STATEMENTS:
         _require_known_statement(name, path, groups)
+    if any(map(_is_sag, jax.tree.leaves(given, is_leaf=_is_sag))):
+        raise ValueError(f"{path}: got a Sag of results.sags; give the `midspan` of it, a number")
     if is_single_number(given):
         return [None if _skips_single_number(group, name, structure) else given for group in groups]
     return value_per_group(given, structure, path)
+
+
+def _is_sag(given):
+    """Return whether a value has the `midspan` of a `results.Sag`."""
+    return hasattr(given, "midspan")
 
 
 def _require_known_statement(name, path, groups):

@@ -25,6 +25,7 @@ _OMITTED = {
 
 def run(options: Namespace) -> None:
     """Read a net or scene and write it in another format, that of the suffix of `options.save`."""
+    _refuse_scripts(options)
     outputs.check_output_file(options.save, (".json", ".dxf"), inputs=options.files)
     name, scale = options.save.lower(), None
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene_file(options):
@@ -50,6 +51,21 @@ def run(options: Namespace) -> None:
     count = sum(len(group.links) for group in scene.structure.groups)
     lost = next((f"; {text}" for end, text in _OMITTED.items() if name.endswith(end)), "")
     print(f"wrote {options.save}: {scene.structure.n_node} nodes, {count} links{lost}")
+
+
+def _refuse_scripts(options):
+    """Raise `BadInput` for Python scripts: those of OpenSees are results, and none are read."""
+    if any(name.lower().endswith(".py") for name in options.files):
+        raise BadInput(
+            f"{options.files[0]}: scripts are not read, those of OpenSees neither: give the net as "
+            ".obj, .dxf, .json (scene, compas, jax_fdm) or two .csv tables, or write the scene by "
+            "jaxcable.save_scene in Python"
+        )
+    if options.save.lower().endswith(".py"):
+        raise BadInput(
+            f"--save {options.save}: a script of OpenSees has the end of an analysis: jaxcable "
+            f"solve SCENE --save {options.save}"
+        )
 
 
 def _scene_of_net(options):

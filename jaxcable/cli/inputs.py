@@ -178,7 +178,7 @@ def _read_net_files(options):
         with refuse_value_errors(paths[0]):  # ezdxf is not installed
             return read_dxf(
                 paths[0],
-                tol=tolerance,
+                tolerance=tolerance,
                 supports=options.supports,
                 sagitta=_length(options, "sagitta"),
                 hidden=options.hidden,

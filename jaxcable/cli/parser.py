@@ -157,7 +157,7 @@ def _add_input_files(command, scene=True):
         )
         command.add_argument("--units", metavar="UNITS", help=text)
         text = "DXF and OBJ: points closer than this become one node, m (default 1e-6)"
-        command.add_argument("--tol", type=_parse_positive, metavar="D", help=text)
+        command.add_argument("--tol", "--tolerance", type=_parse_positive, metavar="D", help=text)
         text = 'DXF: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
         text = "DXF: maximum chord error when arcs become straight pieces, m"
@@ -268,15 +268,19 @@ def _add_form(commands):
     command = _add_command(commands, form, "net.json --force-density 50 --save formed.json")
     _add_input_files(command)
     text = (
-        "force density, N/m: a number, or group=number for each group (default: the values in the "
-        "first phase that has them, unless --tension is given)"
+        "force density: a number, or group=number for each group, N/m or in the units of the scene "
+        "(default: the values in the first phase that has them, unless --tension is given)"
     )
     command.add_argument("--force-density", nargs="+", metavar="Q", help=text)
-    text = "tension of all cables in the form, N: a number, or group=number for each group"
+    text = (
+        "tension of all cables in the form: a number, or group=number for each group, N or in the "
+        "units of the scene"
+    )
     command.add_argument("--tension", nargs="+", metavar="T", help=text)
     text = (
         "length of groups without given force density or tension, such as masts and guys: "
-        "group=drawn for the length in the scene, or group=number, m; their forces are found"
+        "group=drawn for the length in the scene, or group=number, m or in the units of the scene; "
+        "their forces are found"
     )
     command.add_argument("--length", nargs="+", metavar="L", help=text)
     text = "groups that keep their stiffness, unstressed as drawn, such as beams or a mast of bars"
@@ -294,13 +298,22 @@ def _add_optimize(commands):
     example = "net.json --deflection 0.03 --lowest 80 --bounds 0 5000 --save tuned.json"
     command = _add_command(commands, optimize, example)
     _add_input_files(command)
-    text = "wanted final tension of all elements, N (least squares)"
+    text = "wanted final tension of all elements, N or in the units of the scene (least squares)"
     command.add_argument("--target", type=number, metavar="T", help=text)
-    text = "smallest pretension with which no node moves more than this in the last phase, m"
+    text = (
+        "smallest pretension with which no node moves more than this in the last phase, m or in "
+        "the units of the scene"
+    )
     command.add_argument("--deflection", type=_parse_positive, metavar="D", help=text)
-    text = "smallest pretension with which no final tension is lower than this, N"
+    text = (
+        "smallest pretension with which no final tension is lower than this, N or in the units of "
+        "the scene"
+    )
     command.add_argument("--lowest", type=_parse_positive, metavar="T", help=text)
-    text = "smallest and largest pretension allowed, N (default: 0 and no limit)"
+    text = (
+        "smallest and largest pretension allowed, N or in the units of the scene (default: 0 and "
+        "no limit)"
+    )
     names, whole_range = ("LOW", "HIGH"), (0.0, float("inf"))
     command.add_argument(
         "--bounds", type=number, nargs=2, metavar=names, default=whole_range, help=text

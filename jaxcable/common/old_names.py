@@ -1,11 +1,16 @@
-"""Refuse a class of a user that still defines an old name of a contract.
+"""Old names: refuse them in a contract, and take them as arguments with a warning.
 
-An analysis would ignore a method of this name, and use the default of the base class instead.
+An analysis would ignore a method of an old name, and use the default of the base class instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 ELEMENT = {
     "remembers": "has_memory",
@@ -93,3 +98,26 @@ def refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
         for name, value in vars(base).items():
             if name in renamed and (isinstance(value, bool | property) or callable(value)):
                 raise TypeError(f"{cls.__name__}: `{name}` is now called `{renamed[name]}`")
+
+
+def takes_old_argument(old: str, new: str) -> Callable[[Function], Function]:
+    """Return a decorator: the function takes an argument by its former name, too.
+
+    That causes a DeprecationWarning; with both names the function raises TypeError.
+
+    Args:
+        old, new: former and present name of the argument.
+    """
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def translated(*args, **options):
+            if old in options and new not in options:
+                text = f"{function.__name__}: {old} is called {new} now"
+                warnings.warn(text, DeprecationWarning, stacklevel=2)
+                options[new] = options.pop(old)
+            return function(*args, **options)
+
+        return translated  # type: ignore[return-value]  # of the same signature
+
+    return decorate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -229,18 +230,20 @@ def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int
     return jnp.where(earlier != OK, earlier, later)
 
 
-def raise_if_failed(solution: Any) -> None:
+def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
     Args:
         solution: a result with a status: `Solution`, results of form finding, `minimize`, `fit`.
+        names: of the cases of a batch, such as ``combinations.names``: the message names the case
+            that has failed first, in place of its number.
 
     Raises:
         AnalysisError: the result has failed. For an analysis the message names the phase (from 1),
             the increment, its load factor, the residual in newtons (unless it is zero, as where no
             step was possible) and what to try.
         ValueError: `solution` has no status, or is being traced: a status is known outside of jit
-            only.
+            only; another number of names than cases.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -262,10 +265,15 @@ def raise_if_failed(solution: Any) -> None:
     if isinstance(solution.status, jax.core.Tracer):
         raise ValueError("raise_if_failed: the solution is being traced; call it outside of jit")
     status = np.asarray(solution.status)
+    if names is not None and (isinstance(names, str) or status.shape != (len(names),)):
+        raise ValueError(
+            f"names: expected a name for each case of a batch; the status has shape {status.shape}"
+        )
     if (status == OK).all():
         return
     case = tuple(int(i) for i in np.argwhere(status != OK)[0])
     prefix = f"case {case if len(case) > 1 else case[0]}: " if case else ""
+    prefix = prefix if names is None else f"{names[case[0]]}: "
     code = int(status[case])
     for number, phase in enumerate(getattr(solution, "phases", ()), 1):
         codes = np.asarray(phase.path.status)[case]
@@ -274,8 +282,9 @@ def raise_if_failed(solution: Any) -> None:
             k = failed[0]
             factor = np.asarray(phase.path.load_factor)[case][k]
             residual = np.asarray(phase.path.residual)[case][k]
-            # the residual of a step that was never taken is zero, and says nothing
-            size = f", residual {residual:.3g} N" if residual != 0 else ""
+            # the residual of a step that was never taken is zero or NaN, and says nothing
+            known = residual != 0 and not np.isnan(residual)
+            size = f", residual {residual:.3g} N" if known else ""
             raise AnalysisError(
                 f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
                 f"{factor:.6g}){size}: {describe(code)}"

@@ -74,7 +74,7 @@ class CableResistance(_OnCables):
     proof_force: Float[ArrayLike, ""] | None = None
 
     clause = "EN 1993-1-11:2006, 6.2"
-    formula = "F_Ed / F_Rd, F_Rd = min(k_e F_min / (1.5 gamma_r), F_k / gamma_r)"
+    formula = "F_Ed / F_Rd, F_Rd = min(k_e F_min / (1.5 gamma_R), F_k / gamma_R)"
     not_covered = "saddles, clamps, terminations themselves, bending at anchorages"
 
     def __post_init__(self):
@@ -84,7 +84,7 @@ class CableResistance(_OnCables):
     def inputs(self):
         """Return the numbers and words that the user gave."""
         proof = {} if self.proof_force is None else {"F_k (N)": self.proof_force}
-        return {"k_e": _factor(self.termination), "gamma_r": self.gamma_r, **proof}
+        return {"k_e": _factor(self.termination), "gamma_R": self.gamma_r, **proof}
 
     def terms(self, structure, solution):
         """Return force, resistance and utilization of each cable."""
@@ -106,6 +106,15 @@ class CableService(_OnCables):
         name, of: as of `Check`.
         fraction: name in `standards.SERVICE_FRACTIONS`, or a number.
         termination: as of `CableResistance`.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -54e3))))
+        >>> service = jc.design.CableService(fraction="service, with bending")
+        >>> found = jc.design.checks(structure, solution, service)
+        >>> print(found["cable service stress"].utilization)
+        [0.36]
     """
 
     name: str = "cable service stress"
@@ -147,6 +156,14 @@ class CableSafety(_OnCables):
         name, of: as of `Check`.
         factor: smallest breaking force over force; 2.2 is that of ASCE 19.
         termination: efficiency of fittings, as of `CableResistance`.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -90e3))))
+        >>> found = jc.design.checks(structure, solution, jc.design.CableSafety(factor=2.5))
+        >>> print(found["cable safety"].utilization)
+        [0.75]
     """
 
     name: str = "cable safety"
@@ -188,6 +205,17 @@ class CableFatigue(_OnCables):
         area: metallic area, m2, one number; None: that of the groups, where they have one.
 
     The range is one of axial stress. Bending at terminations is to be added by ``gamma_ff``.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> hung = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1e3)))
+        >>> cases = [jc.Phase(loads=jc.NodalLoads([1], (0, 0, -p))) for p in (10e3, 30e3)]
+        >>> solutions = jc.design.solve_cases(structure, hung, cases)
+        >>> fatigue = jc.design.CableFatigue(category="spiral strand", cycles=2e6, area=2e-4)
+        >>> found = jc.design.checks(structure, solutions, fatigue)  # 100 of 150 / 1.35 MPa
+        >>> print(found["cable fatigue"].utilization, found.governing("cable fatigue"))
+        [0.9] ['case 0 to case 1']
     """
 
     name: str = "cable fatigue"
@@ -199,7 +227,7 @@ class CableFatigue(_OnCables):
     area: Float[ArrayLike, ""] | None = None
 
     clause = "EN 1993-1-11:2006, 9.2"
-    formula = "gamma_ff (max F_Ed - min F_Ed) / A / (range_R / gamma_mf)"
+    formula = "gamma_Ff (max F_Ed - min F_Ed) / A / (range_R / gamma_Mf)"
     not_covered = "spectra of ranges, bending of the cable, vibration"
     units: ClassVar = {"range": "Pa", "range_Rd": "Pa", "highest F": "N", "lowest F": "N"}
     requirement: ClassVar[str] = "have no metallic area, or are no cables; give area=..."
@@ -219,8 +247,8 @@ class CableFatigue(_OnCables):
         return {
             "range at 2e6 cycles (Pa)": FATIGUE_CATEGORIES[name] if isinstance(name, str) else name,
             "cycles": self.cycles,
-            "gamma_mf": self.gamma_mf,
-            "gamma_ff": self.gamma_ff,
+            "gamma_Mf": self.gamma_mf,
+            "gamma_Ff": self.gamma_ff,
         }
 
     def terms(self, structure, solution):

@@ -43,6 +43,24 @@ class Check(abc.ABC):
         formula: of the utilization.
         units: by the name of a term; those that are missing are "-".
         not_covered: what the check leaves out.
+
+    Example:
+        Elements must not become longer than by 1 %:
+
+        >>> import dataclasses
+        >>> @dataclasses.dataclass(frozen=True)
+        ... class Stretch(jc.design.Check):
+        ...     name: str = "stretch"
+        ...     of: tuple = ()
+        ...     def items(self, structure):
+        ...         return [f"element {k}" for k in range(len(structure.elements.links))]
+        ...     def terms(self, structure, solution):
+        ...         long = solution.tension / structure.elements.axial_stiffness
+        ...         return {"strain": long, "utilization": long / 0.01}
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> found = jc.design.checks(structure, jc.solve(structure, phases), Stretch())
+        >>> print(found.passed, len(found["stretch"].items))
+        True 12
     """
 
     name: str

@@ -43,6 +43,14 @@ class CheckResult:
         inputs: pairs of names and texts: what was given.
         items: names of the items.
         units: pairs of names of terms and their units.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -90e3))))
+        >>> (found,) = jc.design.checks(structure, solution).results
+        >>> print(found.items[0], found.terms["F_Ed"].round(), found.terms["F_Rd"], found.inputs)
+        element 0 [90000.] [200000.] (('k_e', '1'), ('gamma_R', '1'))
     """
 
     utilization: Float[Array, " n_item"]
@@ -273,8 +281,15 @@ def _result_of_check(check, structure, solutions, combinations):
     chosen = solutions
     if len(counted) < len(solutions.status):
         chosen = jax.tree.map(lambda x: jnp.asarray(x)[counted], solutions)
-    terms = values_of_cases(lambda one: check.terms(structure, one), chosen)
-    found, which, second = check.over_cases(terms)
+    order: list[str] = []  # transformations sort the keys of a dict
+
+    def terms_of_case(solution):
+        found = check.terms(structure, solution)
+        order[:] = found
+        return found
+
+    terms = values_of_cases(terms_of_case, chosen)
+    found, which, second = check.over_cases({name: terms[name] for name in order})
     used = found.pop(UTILIZATION)
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):

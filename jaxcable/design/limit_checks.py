@@ -78,8 +78,9 @@ class OwnCheck(Check):
     Example:
         The horizontal thrust on a support must not exceed 12 kN:
 
-        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7)
-        >>> structure = jc.Structure([[0, 0, 0], [2.0, 0, 0]], rope, supports=jc.pinned([0, 1]))
+        >>> rope = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e7)
+        >>> nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
+        >>> structure = jc.Structure(nodes, rope, supports=jc.pinned([0, 2]))
         >>> solution = jc.solve(structure, jc.Phase(pretension=9e3))
         >>> def push(structure, solution):
         ...     return -solution.reactions[0, 0]
@@ -146,6 +147,14 @@ class DisplacementLimit(Check):
         since: `Solution` or `State` from which displacements count, such as the prestressed state;
             None: from the nodes of the input.
         name, of: as of `Check`.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> calm = jc.solve(structure, phases[:1])
+        >>> limit = jc.design.DisplacementLimit(0.02, [3], (0, 0, 1), since=calm)
+        >>> found = jc.design.checks(structure, jc.solve(structure, phases), limit)
+        >>> print(found)
+        displacement: utilization 0.642, node 3, case 0, given limit
     """
 
     upper: Float[ArrayLike, ""]
@@ -201,6 +210,12 @@ class TensionLimit(OnElements):
         lower: smallest tension, N, above zero; a slack cable has infinite utilization.
         elements: keys of groups, or selections by group; None: all cables.
         name, of: as of `Check`; the default is serviceability.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> taut = jc.design.TensionLimit(lower=100.0)
+        >>> print(jc.design.checks(structure, jc.solve(structure, phases), taut).passed)
+        True
     """
 
     lower: Float[ArrayLike, ""] | None = None
@@ -245,6 +260,14 @@ class ReactionLimit(Check):
             an anchor where one does.
         upper: largest reaction, N.
         name, of: as of `Check`.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -9e3))))
+        >>> hook = jc.design.ReactionLimit([0], upper=12e3)
+        >>> print(jc.design.checks(structure, solution, hook)["reaction"].utilization)
+        [0.75]
     """
 
     nodes: Int[ArrayLike, " n"]

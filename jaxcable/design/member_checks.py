@@ -22,6 +22,7 @@ from ..standards.steel_members import (
     IMPERFECTION_FACTORS,
     SteelSection,
     buckling_reduction,
+    combined_bending,
     critical_force,
     section_utilization,
     steel_section,
@@ -99,6 +100,17 @@ class MemberSection(_OnMembers):
         yield_strength: f_y, Pa.
         places: number of places along beams.
         gamma_m0: partial factor.
+
+    Example:
+        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
+        >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
+        >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -400e3))))
+        >>> section = jc.design.MemberSection(profile=tube, yield_strength=355e6)
+        >>> found = jc.design.checks(structure, solution, section)
+        >>> print(found["cross-section"].utilization.round(3))
+        [0.28]
     """
 
     name: str = "cross-section"
@@ -117,7 +129,7 @@ class MemberSection(_OnMembers):
             f"Av{k} (m2)": "not checked" if v is None else v
             for k, v in {"y": s.Avy, "z": s.Avz}.items()
         }
-        return {**super().inputs(), **shear, "gamma_m0": self.gamma_m0}
+        return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0}
 
     def terms(self, structure, solution):
         """Return the section forces at the place that governs, and the utilization."""
@@ -152,6 +164,19 @@ class MemberBuckling(_OnMembers):
             the flange in compression is held.
         gamma_m1: partial factor.
         youngs_modulus: Pa.
+
+    Example:
+        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
+        >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
+        >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -400e3))))
+        >>> buckling = jc.design.MemberBuckling(
+        ...     profile=tube, yield_strength=355e6, lengths=4.0, curves="a"
+        ... )
+        >>> found = jc.design.checks(structure, solution, buckling)
+        >>> print(found["member buckling"].utilization.round(3))
+        [0.389]
     """
 
     name: str = "member buckling"
@@ -165,9 +190,9 @@ class MemberBuckling(_OnMembers):
     youngs_modulus: Float[ArrayLike, ""] = 210e9
 
     clause = "EN 1993-1-1:2005, 6.3.1, with moments of second order"
-    formula = "-N/(chi A f_y/gamma_m1) + My/(chi_lt Wy f_y/gamma_m1) + Mz/(Wz f_y/gamma_m1)"
+    formula = "-N/(chi A f_y/gamma_M1) + My/(chi_LT Wy f_y/gamma_M1) + Mz/(Wz f_y/gamma_M1)"
     units: ClassVar = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
-    not_covered = "torsional buckling, lateral torsional buckling beyond chi_lt, class 4"
+    not_covered = "torsional buckling, lateral torsional buckling beyond chi_LT, class 4"
 
     def __post_init__(self):
         super().__post_init__()
@@ -193,8 +218,8 @@ class MemberBuckling(_OnMembers):
             how = {"buckling factor": self.factors}
         else:
             how = {f"L_cr,{k} (m)": v for k, v in zip("yz", self.lengths, strict=True)}
-        how |= {"curves": " and ".join(self.curves), "chi_lt": self.chi_lt}
-        return {**super().inputs(), **how, "gamma_m1": self.gamma_m1}
+        how |= {"curves": " and ".join(self.curves), "chi_LT": self.chi_lt}
+        return {**super().inputs(), **how, "gamma_M1": self.gamma_m1}
 
     def _reduction(self, structure, pressed):
         """Return chi, the smaller of those about y and z, for compressions [n_item], N."""
@@ -223,15 +248,19 @@ class MemberBuckling(_OnMembers):
         chi = self._reduction(structure, pressed)
         s = self.profile
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
-        My, Mz = (jnp.abs(forces[..., k]).max(axis=1) for k in (4, 5))
-        bending = My / (self.chi_lt * s.Wy * strength) + Mz / (s.Wz * strength)
+        My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))
+        about_y, about_z = My / (self.chi_lt * s.Wy * strength), Mz / (s.Wz * strength)
+        if s.circular:
+            bending = combined_bending(about_y, about_z, s).max(axis=1)
+        else:  # the largest of each, wherever they are (6.3.3)
+            bending = about_y.max(axis=1) + about_z.max(axis=1)
         resistance = chi * s.A * strength
         return {
             "N": smallest,
             "chi": chi,
             "N_b,Rd": resistance,
-            "My": My,
-            "Mz": Mz,
+            "My": My.max(axis=1),
+            "Mz": Mz.max(axis=1),
             UTILIZATION: pressed / resistance + bending,
         }
 
@@ -251,6 +280,14 @@ def buckling_factors(
 
     Raises:
         ValueError: as `stiffness.buckling_factor`.
+
+    Example:
+        >>> structure, phases = jc.scenes.von_mises_truss(load=100.0)
+        >>> pushes = [jc.Phase(loads=jc.NodalLoads([1], (0, 0, -p))) for p in (50.0, 100.0)]
+        >>> solutions = jc.design.solve_cases(structure, jc.Phase(), pushes)
+        >>> factors = jc.design.buckling_factors(structure, solutions)
+        >>> print(factors.shape, bool(factors[0] > factors[1] > 1))
+        (2,) True
     """
     found = np.full(len(solutions.status), np.nan)
     for k in np.flatnonzero(np.asarray(solutions.status) == status.OK):

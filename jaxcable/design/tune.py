@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.as_built import refuse_as_built
+from ..analysis.as_built_statements import refuse_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
 from ..analysis.sensitivity import measured_results_and_jacobian
 from ..analysis.solution import Solution, State

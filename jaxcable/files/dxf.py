@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.compilation import without_garbage_collection
+from ..common.old_names import takes_old_argument
 from ..common.units import UnitsLike
 from .arcs import points_along_entity
 from .net_units import scale_in_units
@@ -39,11 +40,12 @@ _WHY = {
 """Why kinds of entities are left out, or what to do."""
 
 
+@takes_old_argument("tol", "tolerance")
 def read_dxf(
     path: str | PathLike[str],
     scale: float | None = None,
     *,
-    tol: float = 1e-6,
+    tolerance: float = 1e-6,
     supports: str | None = None,
     sagitta: float | None = None,
     hidden: bool = False,
@@ -53,10 +55,10 @@ def read_dxf(
     """Read the lines and polylines of a drawing; its layers become groups.
 
     Each straight piece of a LINE, LWPOLYLINE or POLYLINE in model space becomes a link. Ends closer
-    than `tol` become one node, and a link that occurs twice is taken once. Lines that cross or
-    touch have no node there: see `Net.split`. What is left out (arcs, faces, texts, blocks, layers
-    that are off or frozen, paper space, links that occur again) is counted in an `InputWarning` and
-    in ``Net.omissions``.
+    than `tolerance` become one node, and a link that occurs twice is taken once. Lines that cross
+    or touch have no node there: see `Net.split`. What is left out (arcs, faces, texts, blocks,
+    layers that are off or frozen, paper space, links that occur again) is counted in an
+    `InputWarning` and in ``Net.omissions``.
 
     Args:
         path: path of the file, DXF in ASCII.
@@ -64,7 +66,7 @@ def read_dxf(
             inches or feet.
 
     Options:
-        tol: largest distance of points that become one node, m.
+        tolerance: largest distance of points that become one node, m.
         supports: layer whose POINTs are supports, "*" for all layers. None takes the supports of a
             drawing that `save_dxf` has written, and none from other drawings.
         sagitta: largest distance of arcs (ARC, and polylines with bulges) from the chords that take
@@ -82,8 +84,8 @@ def read_dxf(
         FileError: no drawing, no lines, no unit, another unit in the header than in `units`, a
             line without length, a number that is not finite, a support that is not at a node; the
             message names the entity by its handle.
-        ValueError: ezdxf is not installed; a wrong `scale`, `tol` or `sagitta`; unknown units, or
-            units beside a scale.
+        ValueError: ezdxf is not installed; a wrong `scale`, `tolerance` or `sagitta`; unknown
+            units, or units beside a scale.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -97,8 +99,8 @@ def read_dxf(
     """
     stated = scale_in_units(units, None)
     scale = scale_in_units(units, scale)
-    if (scale is not None and not 0 < scale < np.inf) or not 0 <= tol < np.inf:
-        raise ValueError(f"scale = {scale}, tol = {tol}: expected positive numbers")
+    if (scale is not None and not 0 < scale < np.inf) or not 0 <= tolerance < np.inf:
+        raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
     if sagitta is not None and not 0 < sagitta < np.inf:
         raise ValueError(f"sagitta = {sagitta}: expected a positive number")
     ezdxf = import_ezdxf()
@@ -135,7 +137,7 @@ def read_dxf(
             supports = next(
                 (name for key, name in own if key == SUPPORTS_PROPERTY and name in marked), None
             )
-        net = _net_of_entities(entities, metres, tol, supports, table)
+        net = _net_of_entities(entities, metres, tolerance, supports, table)
         bars = [("bar" if (BARS_PROPERTY, group) in own else "cable") for group in net.groups or ()]
         return dataclasses.replace(net, kinds=tuple(bars), omissions=table.rows())
 
@@ -250,11 +252,12 @@ def _external_references(document):
     }
 
 
-def _net_of_entities(entities, metres, tol, supports, table):
+def _net_of_entities(entities, metres, tolerance, supports, table):
     """Make the `Net` of a list of `_Entity`: lines become links, POINTs supports or marks.
 
-    `metres` are the metres per unit of the drawing, `tol` is the largest distance of points that
-    become one node, m, and `supports` the layer whose POINTs are supports ("*" for all), or None.
+    `metres` are the metres per unit of the drawing, `tolerance` is the largest distance of points
+    that become one node, m, and `supports` the layer whose POINTs are supports ("*" for all), or
+    None.
     What is left out is counted in `table`.
     """
     places, lines, marks = [], [], []
@@ -271,7 +274,7 @@ def _net_of_entities(entities, metres, tol, supports, table):
     if not lines:
         told = "".join(f"; {row}" for row in table.rows())
         raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told:.500}")
-    net = net_from_polylines(metres * np.array(places, float), lines, tol, table, "link")
+    net = net_from_polylines(metres * np.array(places, float), lines, tolerance, table, "link")
     distance, node = np.array([]), np.array([], int)
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
@@ -279,12 +282,12 @@ def _net_of_entities(entities, metres, tol, supports, table):
     fixed = net.fixed.copy()
     held = [supports in ("*", layer) for _, layer, _ in marks]
     for (where, layer, _), off, number, support in zip(marks, distance, node, held, strict=True):
-        on.setdefault(layer, set()).update([int(number)] if off <= tol else [])
-        if support and off > tol:
+        on.setdefault(layer, set()).update([int(number)] if off <= tolerance else [])
+        if support and off > tolerance:
             raise FileError(f"{where}: a support, but {off:.3g} m from the nearest node")
         if support:
             fixed[number] = True
-        elif off > tol:
+        elif off > tolerance:
             table.add("POINT", f"layer {layer!r}", "is not at a node")
     if supports is not None and not any(held):
         layers = ", ".join(map(repr, on)) or "none"

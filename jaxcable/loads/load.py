@@ -66,7 +66,11 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         refuse_old_names(cls, LOAD)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the load does not fit the structure."""
+        """Raise ValueError if the load does not fit the structure.
+
+        The analysis itself refuses node numbers that the structure does not have: those of a field
+        `nodes` of `Indices`, and of `forces_at_nodes`.
+        """
         return None
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> Self:

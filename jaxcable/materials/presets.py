@@ -11,6 +11,9 @@ from ..common.rules import positive, refuse_if_broken
 from ..common.types import ArrayLike, Float
 from .polygonal import Polygonal
 
+LEAST_STRAIN = 1e-5
+"""Strength over E below which units are in doubt; steel has 1e-3, concrete in tension 1e-4."""
+
 
 def steel(
     yield_stress: Float[ArrayLike, ""] = 235e6,
@@ -37,12 +40,16 @@ def steel(
     Raises:
         ValueError: a number is not positive; those of `Polygonal`.
 
+    Warns:
+        InputWarning: a strength below a hundred-thousandth of E, as of one in MPa.
+
     Example:
         >>> law = jc.materials.steel(355e6)
         >>> print(jnp.round(law.stress_at(jnp.array([0.001, -0.001, 0.01])) / 1e6, 1))  # MPa
         [ 210.  -210.   372.4]
     """
     _require_positive(yield_stress=yield_stress, E=E, ultimate_strain=ultimate_strain)
+    _warn_of_weak_material("yield_stress", yield_stress, E)
     e = yield_stress / E
     top = yield_stress + hardening * E * (ultimate_strain - e)
     strain = [-ultimate_strain, -e, 0.0, e, ultimate_strain]
@@ -74,6 +81,9 @@ def strand(
     Raises:
         ValueError: a number is not positive; those of `Polygonal`.
 
+    Warns:
+        InputWarning: a strength below a hundred-thousandth of E, as of one in MPa.
+
     Source: EN 1992-1-1, 3.3.6 (6) for E, (7) with the recommended values: 0.9, and 0.02 for 0.9 of
     the ultimate strain.
 
@@ -83,6 +93,7 @@ def strand(
         975, 1860 MPa
     """
     _require_positive(strength=strength, E=E, ultimate_strain=ultimate_strain)
+    _warn_of_weak_material("strength", strength, E)
     proof = 0.9 * strength
     return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
 
@@ -110,12 +121,16 @@ def tension_only(
     Raises:
         ValueError: a number is not positive; those of `Polygonal`.
 
+    Warns:
+        InputWarning: a strength below a hundred-thousandth of E, as of one in MPa.
+
     Example:
         >>> law = jc.materials.tension_only(E=165e9, strength=1500e6)
         >>> print(jnp.round(law.stress_at(jnp.array([-0.001, 0.001, 0.01])) / 1e6, 1))  # MPa
         [  0. 165.   0.]
     """
     _require_positive(strength=strength, E=E)
+    _warn_of_weak_material("strength", strength, E)
     e = min(strength / E, 1.0)
     if ultimate_strain is None:
         return Polygonal([0.0, e], [0.0, E * e], unloading)
@@ -126,3 +141,14 @@ def _require_positive(**numbers):
     """Raise ValueError unless all numbers, which are given by name, are positive."""
     for name, value in numbers.items():
         refuse_if_broken([positive(name, checks.as_floats(value, name))])
+
+
+def _warn_of_weak_material(name, strength, E):
+    """Warn of a strength that is far too small for its modulus, unless one of them is traced."""
+    known = checks.array_if_known(strength), checks.array_if_known(E)
+    if all(value is not None for value in known) and np.any(known[0] < LEAST_STRAIN * known[1]):
+        low, modulus = (float(np.min(value)) for value in known)
+        checks.warn_user(
+            f"{name} = {low:.6g}: Pa, and E is {modulus:.6g} Pa: a strain of {low / modulus:.1e}, "
+            "of steel 1e-3; is it in MPa?"
+        )

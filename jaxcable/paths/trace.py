@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..analysis.as_built import refuse_as_built
+from ..analysis.as_built_statements import refuse_as_built
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import complete_input, prepare, traced_input_status
 from ..analysis.results import fields_of_element_results, fill_peak_tensions, map_element_fields

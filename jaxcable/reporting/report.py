@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
-from ..common import checks, status
+from ..common import checks as arguments
+from ..common import status
 from ..common.units import SI, UnitsLike, as_units
+from ..design.checks import Checks
 from ..design.combinations import Combinations
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
@@ -16,6 +18,7 @@ from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
 from .case_notes import with_case_notes
+from .check_tables import check_sentences, check_tables
 from .combination_table import action_table, combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
@@ -51,6 +54,7 @@ def report(
     since: int | str | None = None,
     chains: Mapping[str, Sequence[int]] | None = None,
     combinations: Combinations | None = None,
+    checks: Checks | None = None,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
@@ -83,6 +87,7 @@ def report(
             rows in the table ``sags``.
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
             and a table of them.
+        checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
 
     Returns:
         `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
@@ -168,6 +173,12 @@ def report(
         summary += combination_sentences(combinations, failed, unstable)
         table = combination_table(combinations, failed, unstable, tables.values())
         tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
+    if checks is not None:
+        if not isinstance(checks, Checks):
+            kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
+            raise ValueError(f"checks: expected Checks, got {kind}")
+        summary += check_sentences(checks)
+        tables = {**check_tables(checks), **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),
@@ -188,7 +199,7 @@ def report(
 def _names_of_combinations(combinations, cases, names):
     """Return the names of combinations; ValueError without cases, or with names beside."""
     if not isinstance(combinations, Combinations):
-        kind = checks.describe_type(combinations, "design.combinations(actions)")
+        kind = arguments.describe_type(combinations, "design.combinations(actions)")
         raise ValueError(f"combinations: expected Combinations, got {kind}")
     if cases is None or names is not None:
         raise ValueError("combinations: come with cases=..., their results, and without names")

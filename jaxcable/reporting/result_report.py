@@ -61,6 +61,7 @@ class Report:
               sum, and that of the loads;
             - ``reaction_envelope``: smallest and largest value of every component over cases, with
               the others of the same case;
+            - ``checks``, and one table for each of them (``check_`` and its name), if given;
             - ``actions``: what each is; ``combinations`` of them, if they are given;
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;

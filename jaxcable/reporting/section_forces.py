@@ -199,6 +199,10 @@ def _section_force_columns(name, end_values, final_extremes, envelope_extremes, 
         rounding: of states whose extremes differ by at most this the first one governs, N or N m.
     """
     unit = "N" if name == "N" or name in _SHEARS else "N m"
+    final_extremes, *envelope_extremes = (
+        _without_places_of_rounding(found, rounding)
+        for found in (final_extremes, *envelope_extremes)
+    )
     columns = [
         Column("at first", unit, end_values[:, 0], heading="at start"),
         Column("at last", unit, end_values[:, 1], heading="at end"),
@@ -216,6 +220,13 @@ def _section_force_columns(name, end_values, final_extremes, envelope_extremes, 
         )
         columns += [most._replace(governs=True), place._replace(detail=True), when]
     return columns
+
+
+def _without_places_of_rounding(found, rounding):
+    """Return `Extremes` without places where a force differs along an element by rounding only."""
+    same = found.high - found.low <= rounding
+    low_at, high_at = (np.where(same, np.nan, at) for at in (found.low_at, found.high_at))
+    return found._replace(low_at=low_at, high_at=high_at)
 
 
 def _section_force_notes(zero, parts, kind):

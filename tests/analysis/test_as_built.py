@@ -1,9 +1,13 @@
 """Prestress stated as built: tensions and sags that hold in equilibrium, under the loads."""
 
+import re
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import jaxcable as jc
 from tests.oracles import elastic_cable, taylor
@@ -243,7 +247,58 @@ def test_there_is_no_length_for_a_tension_below_the_least():
         return int(jc.solve(structure, phase).status)
 
     # min of cosh(t) / (2 t)
-    assert [code(0.754), code(0.755)] == [jc.status.NOT_AS_BUILT, jc.status.OK]
+    with pytest.warns(jc.InputWarning, match=r"^phases\[0\].end_tension\[0\] = 754 N: no ") as seen:
+        low = code(0.754)
+    assert [low, code(0.755)] == [jc.status.NOT_AS_BUILT, jc.status.OK]
+    nearest = float(re.search(r"it is ([\d.]+) N", str(seen[0].message)).group(1))
+    assert 754.4 < nearest < 1e3  # newtons that the cable can have
+
+
+def test_a_sag_in_millimeters_is_doubted_and_found():
+    """A span of 100 m that hangs 3000 m deep: two straight legs, longer by less than 1e-3."""
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e9, weight=WEIGHT)
+    structure = jc.Structure([[0.0, 0, 0], [SPAN, 0, 0]], cable, jc.pinned([0, 1]))
+    phase = jc.Phase(built_sag=3e3, loads=jc.SelfWeight())
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        solution = jc.solve(structure, phase)
+    [text] = [str(one.message) for one in seen]
+    assert text == "phases[0].built_sag[0] = 3000: its ends are 100 m apart; is the sag in m?"
+    assert solution.status == jc.status.OK
+    # inextensible catenary
+    a = brentq(lambda a: a * (np.cosh(SPAN / 2 / a) - 1) - 3e3, 5.0, 100.0, xtol=1e-12)
+    length = 2 * a * np.sinh(SPAN / 2 / a)
+    assert abs(solution.rest_length[0] / length - 1) < 1e-4  # EA is 3e4 times the weight
+    sag = jc.results.sags(structure, solution).midspan
+    np.testing.assert_allclose(sag, 3e3, rtol=1e-9)
+
+
+def test_a_tension_without_weight_is_that_of_a_straight_cable():
+    """The weight acts from the second phase on, which says so."""
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e6, weight=WEIGHT)
+    structure = jc.Structure([[0.0, 0, 0], [SPAN, 0, 0]], cable, jc.pinned([0, 1]))
+    phases = [jc.Phase(end_tension=2e3), jc.Phase(loads=jc.SelfWeight())]
+    solution = jc.solve(structure, phases)
+    assert solution.status == jc.status.OK
+    np.testing.assert_allclose(solution.rest_length, SPAN / (1 + 2e3 / 1e6), rtol=1e-12)
+
+
+def test_warnings_name_what_the_user_states():
+    """Each comes once, with the phase and the statement of the user, however often it is solved."""
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=5e3, weight=WEIGHT)
+    bar = jc.Bars([[1, 2]], axial_stiffness=1e5)
+    nodes = [[0.0, 0, 0], [SPAN, 0, 0], [SPAN + 1.0, 0, 0]]
+    structure = jc.Structure(nodes, {"guy": cable, "bar": bar}, jc.pinned([0, 2]))
+    aside = jc.Phase(loads=jc.NodalLoads([0], (0.0, 0.0, 1.0)))
+    stated = jc.Phase(end_tension={"guy": 2e3}, loads=jc.SelfWeight())
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        jc.solve(structure, [jc.Phase(pretension={"bar": 10.0}), stated, aside])
+    texts = sorted(str(one.message) for one in seen)
+    assert [text[: text.index(":")] for text in texts] == [
+        "phases[1].end_tension['guy'][0] = 2000",
+        "phases[2].loads",
+    ]
 
 
 def test_straight_elements_take_an_end_tension_as_a_jack():
@@ -287,10 +342,14 @@ def test_paths_take_an_end_tension_of_straight_elements():
     np.testing.assert_array_equal(jack.tension, end.tension)
     for name in ("jacking", "end_tension", "horizontal_tension"):
         phase = jc.Phase(**{name: {"guys": 15e3}}, loads=jc.SelfWeight())
-        with pytest.raises(ValueError, match=rf"phases\[0\].{name}: trace_path takes no prestress"):
+        with pytest.raises(
+            ValueError, match=rf"phases\[0\].{name}\['guys'\]: trace_path takes no prestress"
+        ):
             jc.trace_path(mast(), phase)
         target = jc.design.Target(of="tension", value=15e3, at=0, on="guys")
-        with pytest.raises(ValueError, match=rf"phases\[0\].{name}: tune takes no prestress"):
+        with pytest.raises(
+            ValueError, match=rf"phases\[0\].{name}\['guys'\]: tune takes no prestress"
+        ):
             jc.design.tune(mast(), phase, [(0, "shortening")], [target])
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -472,8 +473,20 @@ def test_convert_makes_a_scene_of_a_net(scene, capsys, refused):
         (f"net.stl {stiff}", "net.stl: expected .obj, .dxf, .json, or two .csv"),
         (f"n.csv {stiff}", "n.csv: expected .obj, .dxf, .json, or two .csv"),
         (f"n.csv l.csv net.obj {stiff}", "expected one file, or two CSV tables"),
+        (f"net.py {stiff}", "net.py: scripts are not read, those of OpenSees neither: give"),
     ):
         assert message in refused(f"convert {words} --save x.json")
+    assert "jaxcable solve SCENE --save x.py" in refused("convert net.json --save x.py")
+
+
+@pytest.mark.parametrize("name", ["form", "optimize"])
+def test_help_says_in_which_units_numbers_are_read(name):
+    """Each option with a force or a length says so."""
+    [command] = [made for one, made in commands().items() if one == name]
+    texts = [action.help for action in command._actions if action.help]
+    numbers = [text for text in texts if re.search(r"\b(N|m|N/m) or in", text)]
+    assert len(numbers) == (3 if name == "form" else 4)
+    assert not [text for text in texts if re.search(r", (N/m|N|m)\b(?!/| or in)", text)]
 
 
 def commands():

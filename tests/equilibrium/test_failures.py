@@ -211,6 +211,8 @@ def test_gradients_of_failed_cases_are_nan_and_of_others_right():
     ]
     with pytest.raises(jc.AnalysisError, match="case 1: phase 1, increment 1"):
         jc.raise_if_failed(solution)
+    with pytest.raises(jc.AnalysisError, match=r"^snow: phase 1, increment 1"):
+        jc.raise_if_failed(solution, ["calm", "snow", "wind", "ice"])
     by_stiffness, by_tension, by_load = each
     for k, fails in enumerate([False, True, True, False]):
         for gradient in (by_stiffness[k], by_tension[k, k], by_load[k, k]):

@@ -212,7 +212,7 @@ def test_a_loose_end_beside_a_mast_head_is_no_anchor(tmp_path):
     with pytest.warns(jc.InputWarning, match=words):  # named by its number: as asked for
         structure, _ = net.scene(["ends", 3], axial_stiffness=1e6)
     assert structure.supports.nodes.array.tolist() == [0, 2, 3, 4]
-    joined = read_dxf(path, tol=1e-3)
+    joined = read_dxf(path, tolerance=1e-3)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         structure, _ = joined.scene("ends", axial_stiffness=1e6)

@@ -67,7 +67,7 @@ def test_lines_and_polylines_become_groups_by_layer(tmp_path):
         assert np.flatnonzero(net.fixed.all(axis=1)).tolist() == [0, 5]
     structure, _ = net.scene([4], axial_stiffness=1e5)
     assert list(structure.elements) == ["edge", "field"]
-    assert len(read_dxf(path, tol=1e-9).nodes) == 7  # ends that are not merged
+    assert len(read_dxf(path, tolerance=1e-9).nodes) == 7  # ends that are not merged
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_structures_come_back(name, tmp_path):
     """Every digit of the positions, links, groups and supports; with nothing left out."""
     structure, _ = scenes.EVERY[name]()
     save_dxf(tmp_path / "net.dxf", structure)
-    net, told = outcome(read_dxf, tmp_path / "net.dxf", tol=0.0, supports="supports")
+    net, told = outcome(read_dxf, tmp_path / "net.dxf", tolerance=0.0, supports="supports")
     places = np.asarray(structure.nodes, float)
     same = [places.tolist().index(node) for node in net.nodes.tolist()]  # exact
     links = np.concatenate([group.links.array for group in structure.groups])
@@ -182,7 +182,7 @@ def test_structures_come_back(name, tmp_path):
     assert [net.groups.count(g) for g in dict.fromkeys(net.groups)] == counts
     kinds = [type(group) is jc.Bars for group in structure.groups for _ in group.links.array]
     assert [kind == "bar" for kind in net.kinds] == kinds
-    own = read_dxf(tmp_path / "net.dxf", tol=0.0)  # it is its own drawing
+    own = read_dxf(tmp_path / "net.dxf", tolerance=0.0)  # it is its own drawing
     np.testing.assert_array_equal(own.fixed, net.fixed)
 
 
@@ -344,3 +344,19 @@ def test_the_command_line_converts(tmp_path, monkeypatch, capsys):
     drawing(tmp_path / "bare.dxf", 0)
     assert main(["convert", "bare.dxf", *words, "--save", "x.json"]) == 2
     assert "($INSUNITS = 0); give metres per drawing unit" in capsys.readouterr().err
+
+
+def test_the_old_name_of_the_tolerance_is_taken(tmp_path):
+    structure, _ = jc.scenes.flat_net()
+    save_dxf(tmp_path / "net.dxf", structure)
+    with pytest.warns(DeprecationWarning, match="read_dxf: tol is called tolerance now") as seen:
+        net = read_dxf(tmp_path / "net.dxf", tol=1e-3)
+    assert seen[0].filename == __file__
+    assert len(net.nodes) == len(structure.nodes)
+    with (
+        pytest.warns(DeprecationWarning, match="tol is called"),
+        pytest.raises(FileError, match="the line has no length"),  # 0.4 m
+    ):
+        read_dxf(tmp_path / "net.dxf", tol=0.5)
+    with pytest.raises(TypeError, match="tol"):
+        read_dxf(tmp_path / "net.dxf", tol=0.5, tolerance=0.5)

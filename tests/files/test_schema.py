@@ -163,7 +163,7 @@ EXAMPLES = [
 def test_examples_are_valid_and_read(kind, field, example, tmp_path):
     data = fits(copy.deepcopy(example), kind, field)
     CHECK.validate(data)
-    read_scene(data, tmp_path)
+    assert read_scene(data, tmp_path).structure.n_node > 0
 
 
 def test_the_example_of_a_scene_is_analysed(tmp_path):

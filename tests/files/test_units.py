@@ -220,6 +220,9 @@ def test_a_scene_without_units_is_written_as_before(tmp_path):
     data = json.loads((tmp_path / "net.json").read_text("utf-8"))
     assert list(data) == ["format", "version", "structure", "phases"]
     assert jc.load_scene(tmp_path / "net.json").units is None and scene.units is None
+    other = scene.with_units("kN, m")._replace(phases=scene.phases[:1])
+    assert other.units == as_units("kN, m") and len(other.phases) == 1
+    assert scene._replace(phases=[]).units is None
 
 
 # --- dimensions

@@ -11,6 +11,8 @@ from extensions.own_loads import PowerLawWind
 from oracles.taylor import slope
 
 import jaxcable as jc
+from jaxcable.analysis.preparation import prepare
+from jaxcable.extend import Indices, OnNodes, pytree
 
 HEIGHT, EXPONENT, AT_TEN = 40.0, 0.32, 50.0  # m, -, N/m
 WIND = PowerLawWind((AT_TEN, 0.0, 0.0), EXPONENT)
@@ -123,6 +125,47 @@ def test_what_it_cannot_blow_at_is_refused():
     rope = jc.Structure(nodes, jc.SlidingCables([[0, 1, 2]], 1e5), jc.pinned([0, 2]))
     with pytest.raises(ValueError, match="elements of two ends only"):
         jc.solve(rope, jc.Phase(loads=WIND))
+
+
+@pytree(indices=("nodes",))
+class Push(OnNodes):
+    """Forces on nodes, whose numbers its class does not check."""
+
+    nodes: object
+    force: object
+
+    def nodal_forces(self, shape, dtype):
+        forces = np.zeros(shape, dtype)
+        forces[self.nodes[:], :3] += self.force
+        return forces
+
+
+@pytree(indices=("where",))
+class PushElsewhere(OnNodes):
+    """The same, in a field of another name."""
+
+    where: object
+    force: object
+
+    def nodal_forces(self, shape, dtype):
+        return Push(self.where, self.force).nodal_forces(shape, dtype)
+
+
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_node_number_that_does_not_exist_is_refused(varies):
+    """The message names load, node and rule, or at least the load and what cannot be found."""
+    for load, message in (
+        (
+            Push(Indices([2, 7]), 1.0),
+            r"phases\[1\].loads\[0\]: Push: nodes\[1\] = 7: the structure",
+        ),
+        (PushElsewhere(Indices([7]), 1.0), r"loads: PushElsewhere.nodal_forces: index 7 is"),
+    ):
+        load = jc.Varying(load, [0.0, 1.0], [0.0, 1.0]) if varies else load
+        with pytest.raises(ValueError, match=message):
+            prepare(mast_with_guys(), [PRESTRESS, jc.Phase(loads=load)], None, None)
+    task = prepare(mast_with_guys(), [jc.Phase(loads=Push(Indices([2, 6]), 1.0))], None, None)
+    assert task.n_unknown == 6
 
 
 def test_an_old_name_of_the_contract_is_refused():

@@ -32,6 +32,7 @@ SNOW = design.Action("snow", "snow", jc.NodalLoads([1], UP))
 DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True)
 WARM = design.Action("warm", "temperature", temperature=20.0)
 RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
@@ -502,6 +503,14 @@ stated(horizontal_tension=1.0)
     # phases[0].horizontal_tension: only catenaries have a stated horizontal tension
 stated(built_sag=1.0)
     # phases[0].built_sag: only catenaries with a weight can have a stated sag
+stated(HANGING, built_sag=jc.results.Sag(*7 * [np.ones(3)]))
+    # phases[0].built_sag: got a Sag of results.sags; give the `midspan` of it
+stated({"net": HANGING}, sag={"net": jc.results.Sag(*7 * [np.ones(3)])})
+    # phases[0].sag: got a Sag of results.sags; give the `midspan` of it
+jc.solve(net(elements={"net": HANGING}), Phase(built_sag={"net": 0.1}, loads=push()))
+    # phases[0].built_sag['net']: no load acts along the cables in this phase, and without
+jc.solve(net(elements=HANGING), Phase(horizontal_tension=1e-30, loads=jc.SelfWeight()))
+    # phases[0].horizontal_tension[0] = 1e-30: the cable would be 2.9e+29 times as long as its
 Phase(end_tension=1.0, tension_at="top")
     # tension_at = 'top': expected one of lower, upper, first, second
 stated(pretension=[10.0, -10.0, 10.0])
@@ -551,6 +560,7 @@ jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
+jc.raise_if_failed(solution(), ["a"])  # names: expected a name for each case of a batch; ... ()
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
 jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
@@ -645,6 +655,45 @@ design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
 design.envelope(3.0)  # values: expected arrays with the cases
 design.envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 design.envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
+design.checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
+design.checks(HUNG, solution(), "EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
+design.checks(HUNG, solution(), 5)  # rules: expected checks, or the name of a standard, got int
+design.checks(HUNG, solution(), [5])  # rules[0]: expected a check, got int
+design.checks(HUNG, solution())  # cable resistance: no group of the structure has cables with a
+design.checks(HUNG, solution(), design.CableResistance("net"))
+    # cable resistance: elements of 'net' have no strength
+design.checks(HUNG, solution(), design.TensionLimit(lower=1.0, elements="nett"))
+    # tension that remains: elements = 'nett': no such key
+design.checks(HUNG, solution(), 2 * [design.TensionLimit(lower=1.0)])
+    # rules[1]: 'tension that remains' is the name of rules[0], too
+design.checks(HUNG, solution(), design.TensionLimit(lower=1.0), names=["a", "b"])
+    # names: expected 1 different ones
+design.checks(HUNG, solution(), design.ReactionLimit([99], upper=1.0))  # reaction: nodes
+design.TensionLimit()  # tension that remains: lower: missing
+design.TensionLimit(lower=0.0)  # tension that remains: lower = 0.0: expected a positive tension
+design.DisplacementLimit(-0.1)  # displacement: upper = -0.1: expected a positive limit
+design.DisplacementLimit(0.1, direction=(0, 0, 0))  # displacement: direction = (0, 0, 0)
+design.ReactionLimit([0])  # reaction: lower, upper: missing
+design.ReactionLimit([0], lower=2.0, upper=1.0)  # reaction: lower = 2.0: expected below upper
+design.OwnCheck("own", 5)  # function: expected a function, got int
+design.CableResistance(termination="swaged")  # termination = 'swaged': expected one of metal filled
+design.CableResistance(gamma_r=0.0)  # gamma_r = 0.0: must be positive
+design.CableService(fraction="use")  # fraction = 'use': expected one of service
+design.CableFatigue(category="rope")  # category = 'rope': expected one of prestressing bar
+design.MemberSection()  # cross-section: profile, yield_strength: missing
+design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
+design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
+design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
+    # section_class = 4: expected 1, 2 or 3
+design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
+    # profile: L 100x10 is an angle
+design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
+design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=0.0)
+    # lengths = 0.0: expected positive lengths
+design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=1.0, curves="e")
+    # curves = 'e': expected one of a0
+design.checks(HUNG, solution(), design.OwnCheck("own", lambda s, x: x.displacement))
+    # own: function: expected [n_item], got shape
 design.Action(" ", "snow", push())  # name = ' ': expected a text that is not empty
 design.Action("snow", 5, push())  # kind = 5: expected a text that is not empty
 design.Action("snow", "snow")  # 'snow' has no loads and no changes
@@ -723,8 +772,16 @@ stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
 jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
-stated(HANGING, built_sag=150.0)
+stated(HANGING, end_tension=2.0)
+    # elements.weight: no phase has SelfWeight
+stated(HANGING, built_sag=150.0, loads=jc.SelfWeight())
     # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
+materials.steel(355)
+    # yield_stress = 355: Pa, and E is 2.1e+11 Pa: a strain of 1.7e-09, ... is it in MPa?
+materials.strand(1860.0)
+    # strength = 1860: Pa, and E is 1.95e+11 Pa: ... is it in MPa?
+materials.tension_only(165e9, 1500.0, 0.02)
+    # strength = 1500: Pa, and E is 1.65e+11 Pa: ... is it in MPa?
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1

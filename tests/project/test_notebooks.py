@@ -45,6 +45,26 @@ def outputs(path):
     return [out for cell in notebook["cells"] for out in cell.get("outputs", ())]
 
 
+MACHINE = re.compile(r"(?<![\w./~-])/(root|home|tmp|work|Users|var|mnt|content)/|[A-Z]:\\\\Users")
+
+
+def test_no_output_or_page_has_a_path_of_a_machine():
+    """A folder for programs, a temporary file or the file of a warning would be one."""
+    assert MACHINE.search("in /root/.cache/jaxcable") and MACHINE.search("('/tmp/x.npz',)")
+    assert not MACHINE.search("see docs/how-to/tmp/x, https://a.org/home/x, ~/home/")
+    texts = {}
+    for path in SOURCES:
+        for out in outputs(path.with_suffix(".ipynb")):
+            data = {k: v for k, v in out.get("data", {}).items() if not k.startswith("image/")}
+            texts.setdefault(path.name, []).append(json.dumps([out.get("text", ""), data]))
+    for path in (FOLDER.parent / "docs").rglob("*.md"):
+        texts[path.name] = [
+            block for block in re.findall(r"```text\n(.*?)```", path.read_text("utf-8"), re.S)
+        ]
+    found = {n: [t for t in some if MACHINE.search(t)] for n, some in texts.items()}
+    assert {name: some for name, some in found.items() if some} == {}
+
+
 def test_there_are_eight():
     assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 9)]
 
@@ -64,6 +84,9 @@ def test_a_notebook_has_the_cells_of_its_source_and_their_outputs(path):
     assert notebook.stat().st_size < 1_500_000
     kind, text = cells(path)[0]
     assert kind == "markdown" and text.startswith("# ") and "?" in text  # it opens with a question
+    assert re.search(
+        r"run takes up to \d minutes on two cores", text
+    )  # and says how long one waits
     address = f"{REPOSITORY}/blob/main/notebooks/{notebook.name}"
     assert text.endswith(f"]({address.replace('github.com', COLAB)})")  # the badge opens this one
     last = [text for kind, text in cells(path) if kind == "code"][-1]

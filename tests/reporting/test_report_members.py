@@ -99,6 +99,24 @@ def test_extremes_between_places_where_axial_forces_bend(share):
     assert (stress["at "], stress["z "]) == (0.0, pytest.approx(HEIGHT / 2))
 
 
+def test_a_force_that_is_rounding_has_no_place():
+    """A load is taken away again: what is left of its shear has no extreme, its envelope has."""
+    group = jc.Beams([[0, 1], [1, 2]], section=SECTION)
+    along = np.array([1.0, 2.0, 0.5])
+    structure = jc.Structure(np.outer([0.0, 1.0, 2.0], along), group, jc.clamped([0]))
+    loads = [jc.NodalLoads([2], (0.0, 0.0, -20.0)), jc.LineLoads((30.0, 0.0, 0.0))]
+    away = jc.LineLoads((-30.0, 0.0, 0.0))
+    phases = [jc.Phase(loads=loads), jc.Phase(loads=away)]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    told = rows(jc.report(structure, solution, phases).tables["Vy"])
+    for row in told:
+        assert 0 < max(abs(row["lowest"]), abs(row["highest"])) < 1e-6  # N, of 60
+        assert row["at"] is None and row["at "] is None
+        assert "phase 1" in (row["in"], row["in "])
+        assert [row["at  "], row["at   "]] != [None, None]
+
+
 def test_a_cantilever_with_a_load_at_its_tip():
     """Clamped at its last node; long tables show the elements that govern, which are there."""
     count = 4

@@ -1,0 +1,182 @@
+"""What phases state as built of hanging cables, read from the phases and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.rules import are_rules_kept
+from ..common.types import Array, Bool, Float, Int
+from ..elements.abilities import Sagging
+from ..elements.statement import StatedValues
+from ..loads import as_list
+from ..loads.load import Acting
+from ..loads.varying import Varying
+from ..model.structure import Structure
+from .phases import Phase
+from .prestress_rules import span_rules, value_rules
+from .solution import Solution, State
+from .statements import AS_BUILT_STATEMENTS, are_as_built
+
+
+class Stated(NamedTuple):
+    """What a phase states as built of hanging cables of one group.
+
+    Attributes:
+        phase, group: indices.
+        name: "end_tension", "horizontal_tension" or "built_sag".
+        given: how the phase states it, for messages: ``phases[0].jacking['guys']``.
+        elements: the cables, [n], NumPy.
+        values: stated values, [n], N or m.
+        at_first: of end tensions, whether they are those of the first end, [n] bool.
+        allowed: whether the values keep their rules, scalar bool.
+        loaded: whether any load may act along the cables, as far as the phases say.
+    """
+
+    phase: int
+    group: int
+    name: str
+    given: str
+    elements: Int[np.ndarray, " n"]
+    values: Float[Array, " n"]
+    at_first: Bool[Array, " n"]
+    allowed: Bool[Array, ""]
+    loaded: bool
+
+
+def refuse_as_built(
+    structure: Structure, phases: Sequence[Phase], function: str, before: int = 0
+) -> None:
+    """Raise ValueError if a phase states something as built of catenaries.
+
+    Args:
+        structure, phases: as for `solve`.
+        function: what does not take it, for the message.
+        before: number of phases before these.
+    """
+    stated = stated_as_built(structure, phases, before=before)
+    if stated:
+        raise ValueError(
+            f"{stated[0].given}: {function} takes no prestress "
+            "as built; solve the phases, and state the `rest_length` of the solution"
+        )
+
+
+def stated_as_built(
+    structure: Structure,
+    phases: Sequence[Phase],
+    start: Solution | State | None = None,
+    before: int = 0,
+) -> list[Stated]:
+    """Return what phases state as built of hanging cables.
+
+    Args:
+        structure, phases, start: as for `solve`.
+        before: number of phases before these, for messages.
+
+    Raises:
+        ValueError: as of `Phase.statements`; a stated sag where no load acts along the cables.
+    """
+    found = []
+    loaded = start is not None or before > 0
+    for k, phase in enumerate(phases):
+        path = f"phases[{before + k}]."
+        loaded = loaded or any(_acts_along(load) for load in as_list(phase.loads))
+        statements = phase.statements(structure, path) if are_as_built(phase) else ()
+        for number, own in enumerate(statements):
+            cables: Any = structure.groups[number]
+            if not isinstance(cables, Sagging):
+                continue
+            for name in (*AS_BUILT_STATEMENTS, "jacking"):
+                if name not in own:
+                    continue
+                chosen = _chosen(own[name], len(cables.links))
+                values = jnp.asarray(own[name].values, structure.nodes.dtype)[chosen]
+                mask = mask_of(own[name], len(cables.links))
+                rules = value_rules(name, values, cables)
+                allowed = are_rules_kept([*rules, *span_rules(name, cables, structure.nodes, mask)])
+                given = path + name + structure.named_groups()[number][0]
+                if name == "built_sag" and not loaded:
+                    raise ValueError(
+                        f"{given}: no load acts along the cables in this phase, and without its "
+                        "weight a cable has no sag; give loads=SelfWeight() in this phase or "
+                        "before it"
+                    )
+                name = "end_tension" if name == "jacking" else name
+                first = _is_first_end(phase.tension_at, structure, cables, chosen)
+                found.append(Stated(k, number, name, given, chosen, values, first, allowed, loaded))
+    return found
+
+
+def _acts_along(given):
+    """Return whether a load of a phase acts on elements, also if it is `Varying`."""
+    return isinstance(given.load if isinstance(given, Varying) else given, Acting)
+
+
+def _chosen(stated, count):
+    """Return numbers of the elements that a statement concerns, [n], NumPy."""
+    return np.arange(count) if stated.chosen is None else np.flatnonzero(stated.chosen)
+
+
+def _is_first_end(tension_at, structure, cables, chosen):
+    """Return whether an end tension is that of the first end of each element, [n] bool."""
+    if tension_at in ("first", "second"):
+        return jnp.full(len(chosen), tension_at == "first")
+    heights = structure.nodes[:, 2][cables.links.array[chosen]]
+    lower = heights[:, 0] <= heights[:, 1]
+    return lower if tension_at == "lower" else ~lower
+
+
+def refuse_lengths_beyond_digits(stated: Sequence[Stated], m: Float[np.ndarray, " n"]) -> None:
+    """Raise ValueError for a stated number that asks for a length of no end.
+
+    Args:
+        stated: what phases state as built.
+        m: guessed logarithms of lengths over chords, [n]. A prestrain exp(-m) - 1 that rounds to -1
+            has no length.
+    """
+    wrong = np.expm1(-m) <= -1
+    if wrong.any():
+        label, value, unit = _stated_at(stated, int(wrong.argmax()))
+        raise ValueError(
+            f"{label} = {value:.6g}: the cable would be {np.exp(m[wrong.argmax()]):.1e} times as "
+            f"long as its chord; is it in {unit}?"
+        )
+
+
+def describe_unmet(stated: Sequence[Stated], errors: Float[np.ndarray, " n"]) -> str:
+    """Return in words which stated number is farthest from what the search has found.
+
+    Args:
+        stated: what phases state as built.
+        errors: relative errors that are left, [n], as `as_built` defines them; NaN if unknown.
+    """
+    known = np.isfinite(errors).all()
+    worst = int(np.abs(errors).argmax()) if known else 0
+    label, value, unit = _stated_at(stated, worst)
+    text = f"{label} = {value:.6g} {unit}: no unstressed length is found with which it holds"
+    if not known:
+        return f"{text}; the analysis has no results for the lengths that the search begins with"
+    found = value / (1 + errors[worst]) if unit == "m" else value * (1 + errors[worst])
+    return (
+        f"{text}; for the nearest lengths that the search has come to it is {found:.6g} {unit}. Is "
+        f"the number in {unit}, and can the cable have it under its loads?"
+    )
+
+
+def _stated_at(stated, k):
+    """Return how unknown number k is stated, such as ``phases[0].jacking[2]``; value and unit."""
+    for one in stated:
+        if k < len(one.elements):
+            unit = "m" if one.name == "built_sag" else "N"
+            return f"{one.given}[{one.elements[k]}]", float(one.values[k]), unit
+        k -= len(one.elements)
+    raise IndexError(k)
+
+
+def mask_of(stated: StatedValues, count: int) -> Bool[np.ndarray, " n_elem"]:
+    """Return which elements a statement concerns, [n_elem] bool, a new NumPy array."""
+    return np.ones(count, bool) if stated.chosen is None else np.array(stated.chosen)
