@@ -39,7 +39,7 @@ from .views import View, choose_view
 
 _HIGH = 0.12  # length of the largest value over the extent of the structure, as of `diagram`
 _LABELS, _APART = 9, 0.12  # values that are written, and their distance over the extent
-_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
+_ROUNDING = 1e-9  # value over the largest one up to which it is rounding
 _UNITS = {"tension": "N", "sag": "m"}
 """Units of results that elements have one of each."""
 _SIDES = {"high": ("largest", SERIES[0]), "low": ("smallest", SERIES[1])}
@@ -165,13 +165,18 @@ class _Extreme(NamedTuple):
 def _extremes(envelope, of):
     """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
     found = {}
+    every = [np.ravel(np.asarray(x)) for s in _SIDES for x in _leaves(getattr(envelope, s)[of])]
+    largest = np.nanmax(np.abs(np.concatenate(every)), initial=0.0)
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
         values = [np.ravel(np.asarray(x, float)) for x in _leaves(getattr(envelope, side)[of])]
         cases = [np.ravel(np.asarray(x)) for x in _leaves(getattr(envelope, f"{side}_case")[of])]
         value, case = np.concatenate(values), np.concatenate(cases)
         if np.isfinite(value).any():
             k = pick(value)
-            found[side] = _Extreme(float(value[k]), envelope.names[int(case[k])])
+            negligible = abs(value[k]) <= _ROUNDING * largest
+            found[side] = _Extreme(
+                0.0 if negligible else float(value[k]), envelope.names[int(case[k])]
+            )
     if not found:
         raise ValueError(f"of = {of!r}: has no value in any case")
     return found

@@ -31,7 +31,7 @@ def with_case_notes(tables: Mapping[str, Table], count: int) -> dict[str, Table]
         ),
     }
     return {
-        name: dataclasses.replace(table, notes=(notes[name], *table.notes))
+        name: dataclasses.replace(table, notes=(*table.notes, notes[name]))
         if name in notes
         else table
         for name, table in tables.items()

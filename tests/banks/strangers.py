@@ -59,7 +59,8 @@ def _tables(*names):
 
 def _report(solution):
     tables = _tables(*jc.report(SCENE.structure, solution).csv(), "energy")
-    suffixes = {".csv": tables, ".json": lambda p: [p], ".txt": lambda p: [p]}
+    one = (".json", ".txt", ".html", ".xlsx", ".pdf")
+    suffixes = {".csv": tables, **dict.fromkeys(one, lambda p: [p])}
     return lambda path: suffixes.get(path.suffix, lambda _: [])(path)
 
 
@@ -129,7 +130,7 @@ def calls(solution, every):
         (lambda path: jc.files.save_opensees(path, structure, solution), one, ".py"),
         (lambda path: jc.files.save_dxf(path, structure, solution), one, ".dxf"),
         (lambda path: jc.files.save_network(path, structure, solution), one, ".json"),
-        (lambda path: jc.report(structure, solution).save(path), report, ".csv .json .txt"),
+        (lambda path: jc.report(structure, solution).save(path), report, ".csv .json .txt .html"),
         (lambda path: jc.plots.view(solution, path, structure=structure), one, ".html"),
         (lambda path: jc.plots.convergence([1.0, 2.0], [1.0, 0.5], path), _picture, ".png .svg"),
         (lambda path: jc.plots.animation(solution, path, frames=1, dpi=20), one, ".gif .html"),
