@@ -1,7 +1,8 @@
 """Reliability: random quantities, probabilities of failure, tolerances that they allow."""
 
 from .distributions import Distribution, Gumbel, Lognormal, Normal, Uniform
-from .first_order import FirstOrder, first_order
+from .first_order import first_order
+from .first_order_result import FirstOrder
 from .quantities import Quantities
 from .sampling import Sampling, importance_sampling
 from .systems import SeriesSystem, series_system

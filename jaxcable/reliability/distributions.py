@@ -194,13 +194,14 @@ class Gumbel(Distribution):
     def from_normal(self, mean, deviation, u):
         """Return ``b - log(-log Phi(u)) / a``."""
         scale = deviation * math.sqrt(6) / math.pi
-        lower = jnp.minimum(u, 0.0)  # each branch sees its own half only: no NaN in derivatives
-        above = log_ndtr(-jnp.maximum(u, 0.0))  # log of the probability of larger values
+        low = u < 0  # each branch sees its own half only: no NaN in derivatives
+        lower = jnp.where(low, u, -1.0)
+        above = log_ndtr(-jnp.where(low, 1.0, u))  # log of the probability of larger values
         t = jnp.exp(above)
         small = t < _TINY
         ratio = -jnp.log1p(-jnp.where(small, 0.5, t)) / jnp.where(small, 0.5, t)
         upper = above + jnp.log(jnp.where(small, 1 + t / 2, ratio))
-        loglog = jnp.where(u < 0, jnp.log(-log_ndtr(lower)), upper)
+        loglog = jnp.where(low, jnp.log(-log_ndtr(lower)), upper)
         return mean - scale * (np.euler_gamma + loglog)
 
     def to_normal(self, mean, deviation, x):

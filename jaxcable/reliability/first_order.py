@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.scipy.special import ndtr
 
@@ -14,92 +16,18 @@ from ..common import checks, status
 from ..common.compilation import call_announced
 from ..common.function_programs import ProgramCache
 from ..common.jax_internals import convert_closure
-from ..common.tree import copy_with, pytree
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.split_programs import SplitProgram, can_be_split, splittable
+from ..common.types import ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
 from ..linear import unbatched
 from .distributions import Distribution
+from .first_order_result import FirstOrder
 from .index_derivative import attach_derivative, without_derivative
 from .limit_states import limit_state_names, limit_state_vector, require_limit_state
-from .quantities import Layout, Quantities, as_quantities, split_by_name
-from .search import find_design_point, value_and_gradient
+from .quantities import Quantities, as_quantities, split_by_name
+from .search import advance_search, begin_search, find_design_point
 
 _TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
-
-
-@pytree(static=("limit_states", "layout"))
-class FirstOrder:
-    """Result of `first_order`; of several limit states, each array has a leading axis [m].
-
-    All but `status`, `last_point` and the counts is NaN if the search has failed.
-
-    Attributes:
-        status: status code, 0 (OK) if converged. OUT_OF_STEPS; STALLED: no step lowers the merit,
-            as at a kink, beyond which the analysis fails, or where the surface cannot be reached;
-            BAD_START: limit state or gradient are not finite at the start; STATIONARY: the gradient
-            is zero there, so give another `start`; INVALID_INPUT: a traced number is not allowed.
-        beta: reliability index: distance of the design point from the origin in standard normal
-            space, negative if the limit state is violated at the origin (all medians).
-        probability: of failure to first order, ``Phi(-beta)``.
-        design_point: values of all quantities at the design point, by name.
-        u: its independent standard normal values, by name.
-        alpha: sensitivity factors by name: the unit vector ``u / beta``; positive where a larger
-            value is adverse. With a correlation they belong to the independent variables u, and
-            depend on the order of the quantities.
-        importance: sensitivity factors of the correlated standard normal variables, scaled to unit
-            length (Der Kiureghian 2005); they do not depend on the order. Without correlation they
-            are `alpha`.
-        iterations: number of accepted steps.
-        evaluations: number of evaluations of limit state and gradient.
-        failures: number of these at which limit state or gradient were not finite, as where the
-            analysis failed: there the step was shortened.
-        distance: distance of the point found from the surface, to first order, in u.
-        misalignment: distance of the point found from the line along the gradient, in u.
-        last_point: values by name where the search ended, whatever its status.
-        limit_states: names of the limit states: those of the dict, "0", "1" and so on of a vector,
-            None of a single one.
-        layout: names and shapes of the quantities, in their order.
-
-    Example:
-        >>> Normal = jc.reliability.Normal
-        >>> quantities = {"R": Normal(30.0, 3.0), "S": Normal(18.0, 4.0)}
-        >>> found = jc.reliability.first_order(lambda x: x["R"] - x["S"], quantities)
-        >>> print(jc.describe(found.status), f"{found.beta:.3f} {found.probability:.3e}")
-        converged 2.400 8.198e-03
-        >>> {name: round(float(share), 4) for name, share in found.alpha_squared.items()}
-        {'R': 0.36, 'S': 0.64}
-    """
-
-    _shown: ClassVar[str] = "beta, probability, design_point, alpha, iterations, failures"
-
-    status: Int[Array, " *m"]
-    beta: Float[Array, " *m"]
-    probability: Float[Array, " *m"]
-    design_point: dict[str, Float[Array, " ..."]]
-    u: dict[str, Float[Array, " ..."]]
-    alpha: dict[str, Float[Array, " ..."]]
-    importance: dict[str, Float[Array, " ..."]]
-    iterations: Int[Array, " *m"]
-    evaluations: Int[Array, " *m"]
-    failures: Int[Array, " *m"]
-    distance: Float[Array, " *m"]
-    misalignment: Float[Array, " *m"]
-    last_point: dict[str, Float[Array, " ..."]]
-    limit_states: tuple[str, ...] | None
-    layout: Layout
-
-    @property
-    def alpha_squared(self) -> dict[str, Float[Array, " ..."]]:
-        """Squares of `alpha` by name, of sum 1: parts in the variance of the linearized state."""
-        return {name: self.alpha[name] ** 2 for name, _ in self.layout}
-
-    def of(self, limit_state: str) -> FirstOrder:
-        """Return the result of one of several limit states, by its name."""
-        names = self.limit_states or ()
-        if limit_state not in names:
-            raise ValueError(f"limit_state: none{checks.suggest_names(limit_state, names)}")
-        one = jax.tree.map(lambda leaf: leaf[names.index(limit_state)], self)
-        return copy_with(one, limit_states=None)
 
 
 def first_order(
@@ -166,35 +94,96 @@ def first_order(
     checks.require_whole_number(steps, "steps")
     dtype = jnp.zeros(0).dtype
     tol = jnp.asarray(check_tolerance(tol, _TOLERANCE[str(dtype)]), dtype)
-    begin = quantities.normal_at({} if start is None else start)
-    return call_announced(_programs(limit_state, steps), quantities, tuple(args), begin, tol)
+    begin = jnp.asarray(quantities.normal_at({} if start is None else start))
+    task = quantities, tuple(args), begin
+    if can_be_split((*task, tol)):
+        evaluate = _evaluations(limit_state)
+        if evaluate.has_calls(np.int32(0), *task):
+            return _first_order_on_host(limit_state, evaluate, *task, steps, tol)
+    return call_announced(_programs(limit_state, steps), *task, tol)
+
+
+def _vector(reference, quantities, args, u):
+    """Return all limit states of the function ``reference()`` at u."""
+    return limit_state_vector(reference()(quantities.values_at(u), *args))
+
+
+def _names(reference, quantities, args, u):
+    """Return the names of the limit states of the function ``reference()``; None for one number."""
+    return limit_state_names(lambda values: reference()(values, *args), quantities.values_at(u))
+
+
+def _split_evaluation(reference):
+    """Return the `SplitProgram` of one limit state and its gradient; its analyses stay apart."""
+
+    def one(number, quantities, args, u):
+        return _vector(reference, quantities, args, u)[number]
+
+    def evaluate(number, quantities, args, u):
+        return jax.value_and_grad(splittable(lambda u: one(number, quantities, args, u)))(u)
+
+    return SplitProgram(evaluate, calling=splittable(one))
+
+
+_evaluations = ProgramCache(_split_evaluation)
+
+
+def _first_order_on_host(limit_state, evaluate, quantities, args, begin, steps, tol):
+    """Search in a Python loop: `evaluate` runs the analyses by the programs that they have."""
+    names = _names(lambda: limit_state, quantities, args, begin)
+    found = []
+    for number in range(1 if names is None else len(names)):
+        state = _begin_compiled(quantities, begin, tol)
+        while state.is_running():
+            values = evaluate(np.int32(number), quantities, args, state.trial())
+            state = _advance_compiled(state, *values, tol, steps=steps)
+        found.append(_fields_compiled(state, quantities))
+    fields = found[0] if names is None else jax.tree.map(lambda *parts: jnp.stack(parts), *found)
+    return FirstOrder(*fields, limit_states=names, layout=quantities.layout)
+
+
+@jax.jit
+def _begin_compiled(quantities, begin, tol):
+    """Return the state before a search; a compiled program."""
+    return begin_search(begin, quantities.are_valid() & is_valid_tolerance(tol))
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _advance_compiled(state, value, gradient, tol, *, steps):
+    """Return the next state of a search; a compiled program."""
+    return advance_search(state, value, gradient, steps, tol)
 
 
 def _compile_first_order(reference, steps):
     """Return the program of `first_order` for the limit state ``reference()``."""
 
     def run(quantities, args, begin, tol):
-        def outcome(values):
-            return reference()(values, *args)
-
-        names = limit_state_names(outcome, quantities.values_at(begin))
-        count = 1 if names is None else len(names)
+        names = _names(reference, quantities, args, begin)
         # `numbers` are all that has a part in it but u: quantities, args, captured variables
         function, numbers = convert_closure(
-            lambda u: limit_state_vector(outcome(quantities.values_at(u))), begin
+            lambda u: _vector(reference, quantities, args, u), begin
         )
         numbers = [jnp.asarray(number) for number in numbers]
         held = lax.stop_gradient(numbers)
-        valid = lax.stop_gradient(quantities.are_valid()) & is_valid_tolerance(tol)
-        factor = quantities.factor()
+        own, start, within = lax.stop_gradient((quantities, begin, tol))
 
         def search(number):
-            evaluate = value_and_gradient(lambda u: function(u, held), number)
-            start, within = lax.stop_gradient((begin, tol))
-            state = find_design_point(evaluate, start, steps, within, valid)
-            return _results(state, number, function, numbers, factor, quantities)
+            evaluate = jax.value_and_grad(lambda u: function(u, held)[number])
+            state = _begin_compiled(own, start, within)
+            state = find_design_point(evaluate, state, steps, within)
+            code, beta, _, *others = _fields(state, own)
+            good = code == status.OK
+            u = jnp.where(good, state.point.u, jnp.nan)
+            slope = jnp.where(good, state.point.slope(), jnp.nan)
+            beta = attach_derivative(function, number, beta, u, slope, numbers)
+            floats = [isinstance(x, dict) or x.dtype == beta.dtype for x in others]
+            others = [
+                without_derivative(x, numbers) if has_derivative else x
+                for x, has_derivative in zip(others, floats, strict=True)
+            ]
+            return code, beta, ndtr(-beta), *others
 
-        found = jax.vmap(search)(jnp.arange(count))
+        found = jax.vmap(search)(jnp.arange(1 if names is None else len(names)))
         if names is None:
             found = jax.tree.map(lambda leaf: leaf[0], found)
         return FirstOrder(*found, limit_states=names, layout=quantities.layout)
@@ -205,24 +194,24 @@ def _compile_first_order(reference, steps):
 _programs = ProgramCache(_compile_first_order)
 
 
-def _results(state, number, function, numbers, factor, quantities):
-    """Return the fields of `FirstOrder` of one limit state."""
-    layout, point = quantities.layout, state.point
+def _fields(state, quantities):
+    """Return the fields of `FirstOrder`, without derivatives, of a search that has ended."""
+    layout, point, factor = quantities.layout, state.point, quantities.factor()
     good = state.code == status.OK
-    alpha, beta, slope, u = (
-        jnp.where(good, value, jnp.nan)
-        for value in (point.alpha(), point.alpha() @ point.u, point.slope(), point.u)
-    )
+    values = point.alpha(), point.alpha() @ point.u, point.u
+    alpha, beta, u = (jnp.where(good, value, jnp.nan) for value in values)
     importance = alpha
     if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
-        importance = unbatched.solve_triangular(lax.stop_gradient(factor), alpha, transposed=True)
+        importance = unbatched.solve_triangular(factor, alpha, transposed=True)
         importance = importance / jnp.sqrt(jnp.sum(importance**2))
-    held = lax.stop_gradient(quantities)
-    apart = held.values_at(u), *(split_by_name(layout, x) for x in (u, alpha, importance))
-    further = point.distance(), point.misalignment(), held.values_at(point.u)
-    beta = attach_derivative(function, number, beta, u, slope, numbers)
-    apart, (distance, misalignment, last) = without_derivative((apart, further), numbers)
-    code = state.code
+    by_name = [split_by_name(layout, x) for x in (u, alpha, importance)]
     counts = state.iterations, state.evaluations, state.failures
-    good_only = [jnp.where(good, value, jnp.nan) for value in (distance, misalignment)]
-    return code, beta, ndtr(-beta), *apart, *counts, *good_only, last
+    far = [jnp.where(good, x, jnp.nan) for x in (point.distance(), point.misalignment())]
+    last = quantities.values_at(point.u)
+    return (
+        *(state.code, beta, ndtr(-beta), quantities.values_at(u)),
+        *(*by_name, *counts, *far, last),
+    )
+
+
+_fields_compiled = jax.jit(_fields)

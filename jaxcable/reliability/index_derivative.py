@@ -41,7 +41,8 @@ def attach_derivative(
             return function(u, numbers)[number]
 
         rate = jax.jvp(limit_state, (numbers,), (tangents[-1],))[1]
-        return attach(*primals), rate / slope
+        failed = jnp.where(jnp.isnan(slope), jnp.nan, 0.0)  # also by numbers without influence
+        return attach(*primals), rate / slope + failed * _sum_of_floats(tangents[-1])
 
     return attach(number, beta, u, slope, numbers)
 
@@ -55,8 +56,12 @@ def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
 
     @mark.defjvp
     def differentiate(primals, tangents):
-        floats = [t for t in tangents[1] if jnp.issubdtype(t.dtype, jnp.floating)]
-        total = sum(jnp.sum(t) for t in floats) if floats else 0.0
-        return mark(*primals), jnp.full_like(primals[0], jnp.nan) * total
+        return mark(*primals), jnp.full_like(primals[0], jnp.nan) * _sum_of_floats(tangents[1])
 
     return jax.tree.map(lambda leaf: mark(leaf, numbers), tree)
+
+
+def _sum_of_floats(arrays):
+    """Return the sum of all entries of those arrays that are floats."""
+    floats = [array for array in arrays if jnp.issubdtype(array.dtype, jnp.floating)]
+    return sum((jnp.sum(array) for array in floats), jnp.zeros(()))

@@ -18,7 +18,7 @@ from ..common.jax_internals import is_tracing
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from .distributions import Distribution
-from .first_order import FirstOrder
+from .first_order_result import FirstOrder
 from .limit_states import limit_state_vector, require_limit_state
 from .quantities import Quantities, as_quantities
 from .systems import stacked_results
@@ -32,8 +32,8 @@ _EQUAL_PART = 0.1  # of the samples, shared out to all design points alike
 class Sampling:
     """Result of `importance_sampling`: a probability with its error, and the analyses that failed.
 
-    A sample is a violation if any limit state is negative. Where none is, and one is NaN, the analysis
-    has failed, and the outcome is unknown.
+    A sample is a violation if any limit state is negative. Where none is, and one is NaN, the
+    analysis has failed, and the outcome is unknown.
 
     Attributes:
         probability: estimated probability that any limit state is violated; NaN if the outcome of

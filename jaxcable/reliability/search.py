@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -79,70 +78,101 @@ class SearchState(NamedTuple):
     failures: Int[Array, ""]
     code: Int[Array, ""]
 
+    def trial(self) -> Float[Array, " n"]:
+        """Return the point that is evaluated next."""
+        return self.point.u + self.length * self.step
+
+    def is_running(self) -> Bool[Array, ""]:
+        """Return whether the search goes on."""
+        return self.code == _RUNNING
+
 
 _RUNNING = status.NEEDS_FALLBACKS  # no result has this code
 
 
-def find_design_point(
-    evaluate: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Float[Array, " n"]]],
-    start: Float[Array, " n"],
-    steps: int,
-    tol: Float[Array, ""],
-    valid: Bool[Array, ""],
-) -> SearchState:
-    """Search the design point of one limit state; in a batch each case ends by itself.
+def begin_search(start: Float[Array, " n"], valid: Bool[Array, ""]) -> SearchState:
+    """Return the state before the first evaluation.
 
     Args:
-        evaluate: function of u that returns limit state and gradient.
         start: where the search begins, [n].
-        steps: largest number of accepted steps.
-        tol: tolerance of distance and misalignment, over the distance from the origin (at least 1).
         valid: whether the numbers of the task keep their rules.
     """
-    rounding = 64 * float(jnp.finfo(start.dtype).eps)
     unknown = jnp.full((), jnp.nan, start.dtype)
-    count = jnp.zeros((), jnp.int32)
-    begin = SearchState(
+    zero, count = jnp.zeros((), start.dtype), jnp.zeros((), jnp.int32)
+    return SearchState(
         Point(start, unknown, jnp.full_like(start, jnp.nan)),
         jnp.zeros_like(start),
-        jnp.zeros((), start.dtype),
-        jnp.zeros((), start.dtype),
-        count,
-        count,
-        count,
+        *(zero, zero, count, count, count),
         jnp.where(valid, _RUNNING, status.INVALID_INPUT).astype(jnp.int32),
     )
 
-    def merit(point, penalty):
-        return 0.5 * jnp.sum(point.u**2) + penalty * jnp.abs(point.value)
+
+def advance_search(
+    state: SearchState,
+    value: Float[Array, ""],
+    gradient: Float[Array, " n"],
+    steps: int,
+    tol: Float[Array, ""],
+) -> SearchState:
+    """Return the next state, by limit state and gradient at ``state.trial()``.
+
+    Args:
+        state: present state.
+        value, gradient: limit state and its derivative at the trial point.
+        steps: largest number of accepted steps.
+        tol: tolerance of distance and misalignment, over the distance from the origin (at least 1).
+    """
+    first, old = state.evaluations == 0, state.point
+    trial = Point(state.trial(), value, gradient)
+    sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(gradient))
+    before = _merit(old, state.penalty)
+    promised = old.u @ state.step - state.penalty * jnp.abs(old.value)
+    # rounding of the merit, and what the analysis leaves of its residual
+    rounding = 64 * float(jnp.finfo(value.dtype).eps)
+    slack = jnp.maximum(rounding, tol**2) * (1 + before)
+    limit = before + _SUFFICIENT * state.length * promised + slack
+    accepted = sound & (first | (_merit(trial, state.penalty) <= limit))
+    point = select_tree(accepted, trial, old)
+    length = jnp.where(accepted, 1.0, 0.5 * state.length).astype(value.dtype)
+    iterations = state.iterations + (accepted & ~first)
+    step, penalty = _next_step(point, tol)
+    return SearchState(
+        point,
+        jnp.where(accepted, step, state.step),
+        length,
+        jnp.where(accepted, penalty, state.penalty),
+        iterations,
+        state.evaluations + 1,
+        state.failures + ~sound,
+        _decide(point, accepted, first, length, iterations >= steps, tol),
+    )
+
+
+def find_design_point(
+    evaluate: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Float[Array, " n"]]],
+    begin: SearchState,
+    steps: int,
+    tol: Float[Array, ""],
+) -> SearchState:
+    """Search the design point of one limit state, within a program.
+
+    In a batch each case ends by itself.
+
+    Args:
+        evaluate: function of u that returns limit state and gradient.
+        begin: state from `begin_search`.
+        steps, tol: as for `advance_search`.
+    """
 
     def iterate(state):
-        first, old = state.evaluations == 0, state.point
-        u = old.u + state.length * state.step
-        trial = Point(u, *evaluate(u))
-        sound = jnp.isfinite(trial.value) & jnp.all(jnp.isfinite(trial.gradient))
-        before = merit(old, state.penalty)
-        promised = old.u @ state.step - state.penalty * jnp.abs(old.value)
-        # rounding of the merit, and what the analysis leaves of its residual
-        slack = jnp.maximum(rounding, tol**2) * (1 + before)
-        limit = before + _SUFFICIENT * state.length * promised + slack
-        accepted = sound & (first | (merit(trial, state.penalty) <= limit))
-        point = select_tree(accepted, trial, old)
-        length = jnp.where(accepted, 1.0, 0.5 * state.length).astype(start.dtype)
-        iterations = state.iterations + (accepted & ~first)
-        step, penalty = _next_step(point, tol)
-        return SearchState(
-            point,
-            jnp.where(accepted, step, state.step),
-            length,
-            jnp.where(accepted, penalty, state.penalty),
-            iterations,
-            state.evaluations + 1,
-            state.failures + ~sound,
-            _decide(point, accepted, first, length, iterations >= steps, tol),
-        )
+        return advance_search(state, *evaluate(state.trial()), steps, tol)
 
-    return lax.while_loop(lambda state: state.code == _RUNNING, iterate, begin)
+    return lax.while_loop(lambda state: state.is_running(), iterate, begin)
+
+
+def _merit(point, penalty):
+    """Return the merit that the steps lower."""
+    return 0.5 * jnp.sum(point.u**2) + penalty * jnp.abs(point.value)
 
 
 def _next_step(point, tol):
@@ -167,10 +197,3 @@ def _decide(point, accepted, first, length, is_last, tol):
     refused = jnp.where(length < _SHORTEST, status.STALLED, _RUNNING)
     refused = jnp.where(first, status.BAD_START, refused)
     return jnp.where(accepted, code, refused).astype(jnp.int32)
-
-
-def value_and_gradient(
-    function: Callable[[Float[Array, " n"]], Float[Array, " m"]], number: Int[Array, ""]
-) -> Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Float[Array, " n"]]]:
-    """Return the function of u that gives limit state `number` of several and its gradient."""
-    return jax.value_and_grad(lambda u: function(u)[number])

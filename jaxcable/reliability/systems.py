@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtr
@@ -12,7 +13,7 @@ from jax.scipy.special import ndtr
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from .first_order import FirstOrder
+from .first_order_result import FirstOrder
 from .quantities import join_by_name
 
 _NODES, _WEIGHTS = (np.asarray(a) for a in np.polynomial.legendre.leggauss(20))
@@ -81,7 +82,12 @@ def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
         >>> print(found.status, *(f"{bound:.5f}" for bound in bounds))
         [0 0] 0.00256 0.00284 0.00313
     """
-    betas, alphas = stacked_results(results, "results")
+    return _bounds(*stacked_results(results, "results"))
+
+
+@jax.jit
+def _bounds(betas, alphas):
+    """Return `SeriesSystem` of linear limit states ``beta - alpha . u``."""
     correlation = jnp.clip(alphas @ alphas.T, -1.0, 1.0)
     alone = ndtr(-betas)
     both = _both_violated(betas[:, None], betas[None, :], correlation)

@@ -53,6 +53,13 @@ def normal_correlation(
         raise ValueError(f"quantities: expected Quantities, got {got}")
     n = quantities.size
     wanted = jnp.asarray(checks.floats_of_shape(correlation, "correlation", (n, n)))
+    return _correlation_of_normals(quantities, wanted)
+
+
+@jax.jit
+def _correlation_of_normals(quantities, wanted):
+    """Return the result of `normal_correlation`."""
+    n = quantities.size
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     every = jnp.broadcast_to(jnp.asarray(nodes)[:, None], (_NODES, n))
     x = join_by_name(quantities.layout, jax.vmap(quantities.values_of_normals)(every))
