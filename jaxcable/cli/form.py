@@ -101,7 +101,7 @@ def run(options: Namespace) -> None:
     table.warn()
     if options.save is not None:
         formed = Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
-        save_scene(options.save, formed, units=units)
+        save_scene(options.save, formed, units=units, actions=scene.actions)
         what = "the structure as drawn, unstressed lengths" if bends else "the form, its prestress"
         print(f"wrote {options.save}: {what} and loads, and the other phases")
 

@@ -111,7 +111,8 @@ def run(options: Namespace) -> None:
     cause = "the limits are violated" if violated else "the search did not converge"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, pretension_of(found.params))
-        save_scene(options.save, Scene(structure, phases_with(best)), units=units)
+        made = Scene(structure, phases_with(best))
+        save_scene(options.save, made, units=units, actions=scene.actions)
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += f", the best one found: {cause}"

@@ -27,11 +27,13 @@ class Action:
         name: of the action, such as "wind from west".
         kind: by which the rules give its factors: "permanent", "prestress", "accidental",
             "seismic", or a variable action such as "snow" and "wind"
-            (``combination_rules(rules)["kinds"]`` has all of them).
+            (the rules have all of them under "kinds", see `combination_rules`).
         loads: one load or a list, by their characteristic values.
-        temperature, shortening: as of a `Phase`, by their characteristic values.
-        removes: elements that are lost, an accidental action: booleans [n_elem], by group as for
-            `Phase`. They are lost if the factor is not zero. What the loss does dynamically is not
+        temperature: change of the temperature by its characteristic value, as a phase states it, K.
+        shortening: of the unstressed length by a turnbuckle, by its characteristic value, as a
+            phase states it, m.
+        removes: elements that are lost, an accidental action: booleans [n_elem], by group as in a
+            phase. They are lost if the factor is not zero. What the loss does dynamically is not
             in the analysis.
         in_phases: whether the phases before the cases apply the action already, by factor 1, as
             they do a self-weight. A combination with factor 1.35 then adds 0.35 of it. An action
@@ -39,8 +41,8 @@ class Action:
         exclusive: name of a set of variable actions that never act together, such as the
             directions of the wind.
         source: permanent actions of one source have one factor together, unfavourable or
-            favourable for all of them (EN 1990, table A1.2(B), note 3); without a name each action
-            is a source of its own.
+            favourable for all of them (EN 1990, table A1.2, set B, note 3); without a name each
+            action is a source of its own.
         needs: names of actions without which this one does not act: wind on iced members needs ice.
         excludes: names of actions with which this one does not act.
 

@@ -281,8 +281,15 @@ def _result_of_check(check, structure, solutions, combinations):
     chosen = solutions
     if len(counted) < len(solutions.status):
         chosen = jax.tree.map(lambda x: jnp.asarray(x)[counted], solutions)
-    terms = values_of_cases(lambda one: check.terms(structure, one), chosen)
-    found, which, second = check.over_cases(terms)
+    order: list[str] = []  # transformations sort the keys of a dict
+
+    def terms_of_case(solution):
+        found = check.terms(structure, solution)
+        order[:] = found
+        return found
+
+    terms = values_of_cases(terms_of_case, chosen)
+    found, which, second = check.over_cases({name: terms[name] for name in order})
     used = found.pop(UTILIZATION)
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):

@@ -36,7 +36,8 @@ def solve_cases(
     """Solve many load cases from one prestressed state, all at once (`jax.vmap`).
 
     Args:
-        structure, phases, method: as for `solve`; `phases` lead to the prestressed state.
+        structure, phases, method: as for `solve`; `phases` lead to the prestressed state; None if
+            the cases begin at `start`.
         cases: list of `Phase`, one per case, which differ in numbers only (the same kinds of loads
             on the same nodes, zero where a case has none); or one `Phase` whose arrays all have a
             leading axis [n_case]; or `Combinations`.
@@ -75,7 +76,11 @@ def solve_cases(
         names, cases = cases.names, cases.cases
     if not isinstance(cases, Phase | list | tuple):
         raise ValueError(f"cases: expected a list of Phase, got {type(cases).__name__}")
-    first = solve(structure, phases, method, start=start)
+    first: Solution | State
+    if start is not None and (phases is None or (isinstance(phases, list | tuple) and not phases)):
+        first = start
+    else:
+        first = solve(structure, phases, method, start=start)
     if not isinstance(cases, Phase):
         cases = list(cases)
         if not cases:

@@ -22,6 +22,7 @@ from ..standards.steel_members import (
     IMPERFECTION_FACTORS,
     SteelSection,
     buckling_reduction,
+    combined_bending,
     critical_force,
     section_utilization,
     steel_section,
@@ -247,15 +248,19 @@ class MemberBuckling(_OnMembers):
         chi = self._reduction(structure, pressed)
         s = self.profile
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
-        My, Mz = (jnp.abs(forces[..., k]).max(axis=1) for k in (4, 5))
-        bending = My / (self.chi_lt * s.Wy * strength) + Mz / (s.Wz * strength)
+        My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))
+        about_y, about_z = My / (self.chi_lt * s.Wy * strength), Mz / (s.Wz * strength)
+        if s.circular:
+            bending = combined_bending(about_y, about_z, s).max(axis=1)
+        else:  # the largest of each, wherever they are (6.3.3)
+            bending = about_y.max(axis=1) + about_z.max(axis=1)
         resistance = chi * s.A * strength
         return {
             "N": smallest,
             "chi": chi,
             "N_b,Rd": resistance,
-            "My": My,
-            "Mz": Mz,
+            "My": My.max(axis=1),
+            "Mz": Mz.max(axis=1),
             UTILIZATION: pressed / resistance + bending,
         }
 

@@ -26,6 +26,7 @@ from ..analysis.phases import Phase
 from ..common.checks import holds_boolean
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import Indices
+from ..design.actions import Action
 from ..elements import Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs
 from ..elements.element import Element
 from ..loads.load import Load
@@ -42,7 +43,7 @@ UserClass = TypeVar("UserClass", bound=type)
 TYPES: dict[str, type] = {
     cls.__name__: cls
     for cls in (
-        *(Structure, Supports, Phase, Only, Selection),
+        *(Structure, Supports, Phase, Only, Selection, Action),
         *(Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs),
         *(loads.AreaLoads, loads.CablePressure, loads.FacePressure, loads.IceLoads),
         *(loads.LineLoads, loads.NodalLoads, loads.PointLoads, loads.PointMasses),
@@ -151,6 +152,9 @@ def _encode_object(value, where, implied):
         own = cls.__module__.partition(".")[0] == __package__.partition(".")[0]
         if own and is_group(value) and isinstance(content, np.ndarray | jax.Array):
             content = _collapse_equal_values(np.asarray(content))
+        if cls is Action and isinstance(content, tuple):
+            fields |= {field.name: list(content)} if content else {}
+            continue
         if cls is Section and field.name == "laws":
             content = list(content)  # its constructor makes a tuple of it again
         place = f"{where}.{field.name}"

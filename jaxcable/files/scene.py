@@ -12,14 +12,20 @@ The format, version 1::
       {"pretension": 200.0, "increments": 10},
       {"loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -10.0]}}]}
 
+"actions" beside the phases are those that the rules of a standard combine (`design.Action`)::
+
+     "actions": [
+      {"name": "snow", "kind": "snow",
+       "loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -5.0]}}]
+
 Fields are the arguments of the classes of this package, in SI units, or in those that the file
 states by ``"units": "kN, m"`` at its top; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
 
 A "comment", a text or a list of lines, may stand at the top and in every object of a class: in
-what names one as its "type", and in structure, supports, section and phases. (Where the keys are
-names of groups, it would be such a name.) Reading skips it whatever it is, and writing writes none:
-a scene that has been read and is written again has lost its comments.
+what names one as its "type", and in structure, supports, section, phases and actions. (Where the
+keys are names of groups, it would be such a name.) Reading skips it whatever it is, and writing
+writes none: a scene that has been read and is written again has lost its comments.
 
 `scene_schema` describes the format to editors: with ``"$schema": "scene.schema.json"`` in a scene,
 and the file that ``jaxcable schema --save scene.schema.json`` writes beside it, they explain and
@@ -37,6 +43,7 @@ from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
 from ..common.units import UnitsLike, as_units
 from ..common.writing import atomic_write
+from ..design.actions import Action, check_actions
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
@@ -57,6 +64,7 @@ def save_scene(
     scene: Scene | tuple[Structure, Phase | Sequence[Phase]],
     *,
     units: UnitsLike | None = None,
+    actions: Sequence[Action] | None = None,
 ) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
 
@@ -71,6 +79,8 @@ def save_scene(
     Options:
         units: units of the numbers in the file, such as "kN, m" or "kip, ft, F", which the file
             states (see `Units`); default: those of ``scene.units`` if it has some, otherwise SI.
+        actions: list of `design.Action` to write beside the phases; default: those of
+            ``scene.actions`` if it has some, otherwise none.
 
     Raises:
         ValueError: a file cannot hold the scene: NaN, a traced number, names of groups that are no
@@ -101,10 +111,14 @@ def save_scene(
     except (TypeError, ValueError):
         raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
     phases = as_phases(structure, phases)
+    actions = list(getattr(scene, "actions", ()) if actions is None else actions)
+    actions = check_actions(actions) if actions else []
     data = {
         "structure": encode(structure, "structure", Structure),
         "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
     }
+    if actions:
+        data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
     if stated is not None:
         convert = SceneConverter(stated, to_si=False)
         data["structure"] = convert.structure(data["structure"])
@@ -112,6 +126,10 @@ def save_scene(
             convert.phase(phase, f"phases[{k}]", structure)
             for k, phase in enumerate(data["phases"])
         ]
+        if actions:
+            data["actions"] = [
+                convert.action(x, f"actions[{k}]", structure) for k, x in enumerate(data["actions"])
+            ]
         data = {"units": stated.as_dict(), **data}
     text = format_json({"format": FORMAT, "version": VERSION, **data})
     with atomic_write(path) as stream:
@@ -123,7 +141,8 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 
     A file is in SI units unless it states others, as in ``"units": "kN, m"`` or
     ``"units": {"force": "kip", "length": "ft", "temperature": "F"}`` at its top (see `Units`). The
-    scene is in SI units in any case, and has those of the file as ``scene.units``.
+    scene is in SI units in any case, and has those of the file as ``scene.units``. Actions in the
+    file are ``scene.actions``, a list of `design.Action`.
 
     Args:
         path: path of the file.
@@ -169,7 +188,7 @@ def _decode_scene(data):
         raise FileError(f"$schema: expected a text, got {_abbreviate(data['$schema'])}")
     unknown = data.keys() - {"format", "version", *_KNOWN}
     if unknown:
-        raise FileError(f"unknown field {min(unknown)!r}; known are {', '.join(_KNOWN[:4])}")
+        raise FileError(f"unknown field {min(unknown)!r}; known are {', '.join(_KNOWN[:5])}")
     for name, kind, words in _PARTS:
         if not isinstance(data.get(name), kind):
             raise FileError(_describe_unexpected(data, name, words))
@@ -217,10 +236,40 @@ def _decode_parts(data, convert):
     except ValueError as error:
         named = str(error).startswith("phases[")
         raise FileError(f"{'' if named else 'phases: '}{error}") from None
-    return Scene(structure, phases)
+    scene = Scene(structure, phases)
+    actions = _decode_actions(data.get("actions"), structure, phases, convert)
+    return scene.with_actions(actions) if actions else scene
 
 
-_KNOWN = ("structure", "phases", "units", COMMENT, "$schema")
+def _decode_actions(data, structure, phases, convert):
+    """Return the actions in a file, a list of `Action`; FileError for what cannot act."""
+    if data is None:
+        return []
+    if not isinstance(data, list):
+        raise FileError(f"actions: expected a list, got {_abbreviate(data)}")
+    actions = []
+    for k, own in enumerate(data):
+        where = f"actions[{k}]"
+        if not isinstance(own, dict):
+            raise FileError(f"{where}: expected an object, got {_abbreviate(own)}")
+        part = own if convert is None else convert.action(own, where, structure)
+        action = decode(part, where, Action)
+        actions.append(action)
+        names = ("loads", "temperature", "shortening", "removes")
+        after = [*phases, Phase(**{name: getattr(action, name) for name in names})]
+        try:
+            with without_warnings():
+                prepare(structure, after, None, None)
+        except ValueError as error:
+            text = str(error).removeprefix(f"phases[{len(phases)}]").lstrip(": .")
+            raise FileError(f"{where}: {text}") from None
+    try:
+        return check_actions(actions) if actions else []
+    except ValueError as error:
+        raise FileError(str(error)) from None
+
+
+_KNOWN = ("structure", "phases", "units", "actions", COMMENT, "$schema")
 """Fields of a scene beside its format and version."""
 _PARTS = (
     ("structure", dict, "an object with nodes, elements and supports"),

@@ -15,6 +15,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..common.checks import holds_boolean
 from ..common.units import Units, convert_array, dimensions, scale_exactly
+from ..design.actions import Action
 from ..elements.abilities import STATEMENTS, components_of, statements_of
 from ..model.structure import Structure, is_group
 from . import codec
@@ -46,9 +47,17 @@ class SceneConverter:
 
     def phase(self, data: Any, where: str, structure: Structure) -> Any:
         """Return the data of a phase of a structure with converted numbers."""
+        return self._stage(data, where, Phase, structure)
+
+    def action(self, data: Any, where: str, structure: Structure) -> Any:
+        """Return the data of an action on a structure with converted numbers."""
+        return self._stage(data, where, Action, structure)
+
+    def _stage(self, data, where, cls, structure):
+        """Return the data of a `Phase` or an `Action`, which state changes of elements."""
         if not isinstance(data, dict):
             return data
-        found = self._object(data, where, Phase, 0)
+        found = self._object(data, where, cls, 0)
         for name in STATEMENTS.keys() & data.keys():
             found[name] = self._statement(name, data[name], f"{where}.{name}", structure)
         if isinstance(data.get("own"), dict):
@@ -93,7 +102,7 @@ class SceneConverter:
         kinds = {field.name: str(field.type) for field in codec.user_fields(cls)}
         found = dict(data)
         for key, value in data.items():
-            if key not in kinds or (cls is Phase and (key in STATEMENTS or key == "own")):
+            if key not in kinds or (cls in (Phase, Action) and (key in STATEMENTS or key == "own")):
                 continue
             place, unit = f"{where}.{key}", units.get(key)
             if unit is None and holds_numbers(cls, key, kinds[key]) and _has_numbers(value):

@@ -19,6 +19,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..common.selection import Selection
 from ..common.units import SYMBOLS
+from ..design.actions import Action
 from ..elements.element import Element
 from ..loads.load import Load
 from ..loads.wind_profiles import WindProfile
@@ -150,6 +151,15 @@ def scene_schema() -> dict[str, Any]:
                     "items": {"defaultSnippets": editor_snippets(["Phase"]), **reference("Phase")},
                     "minItems": 1,
                 },
+                "actions": {
+                    "description": "named actions on the prestressed structure, which the rules of "
+                    "a standard combine: `jaxcable solve --combinations`",
+                    "type": ["array", "null"],
+                    "items": {
+                        "defaultSnippets": editor_snippets(["Action"]),
+                        **reference("Action"),
+                    },
+                },
             },
             ["format", "version", "structure", "phases"],
         ),
@@ -168,7 +178,7 @@ def _class_schema(cls, defs):
         for field in user_fields(cls)
     }
     needs = [f.name for f in user_fields(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
-    named = cls not in (*IMPLIED_CLASSES.values(), Phase)
+    named = cls not in (*IMPLIED_CLASSES.values(), Phase, Action)
     kind: Schema = {"const": name, "description": f"{name}: {class_summary(cls)}"}
     shown = list(load_schema_examples()["classes"].get(name, {}).values())
     return {

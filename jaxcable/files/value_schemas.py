@@ -33,6 +33,7 @@ _PLAIN: dict[str, Schema] = {
     "float": {"type": "number"},
     "str": {"type": "string"},
     "Key": {"type": ["string", "integer", "null"]},
+    "Sequence[str]": {"type": ["string", "array"], "items": {"type": "string"}},
 }
 _NAMED: dict[str, tuple[list[str], str]] = {  # types and name of what has a definition of its own
     "Law": (["object"], "law"),

@@ -172,10 +172,7 @@ def _compile_first_order(reference, steps):
             state = _begin_compiled(own, start, within)
             state = find_design_point(evaluate, state, steps, within)
             code, beta, _, *others = _fields(state, own)
-            good = code == status.OK
-            u = jnp.where(good, state.point.u, jnp.nan)
-            slope = jnp.where(good, state.point.slope(), jnp.nan)
-            beta = attach_derivative(function, number, beta, u, slope, numbers)
+            beta = attach_derivative(function, number, beta, state.point, numbers)
             floats = [isinstance(x, dict) or x.dtype == beta.dtype for x in others]
             others = [
                 without_derivative(x, numbers) if has_derivative else x

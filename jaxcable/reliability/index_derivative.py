@@ -7,61 +7,70 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..common.types import Array, Float, Int, PyTree
+from ..numerics.implicit_root import with_deferred_derivative
+from .search import Point
 
 
 def attach_derivative(
     function: Callable[..., Float[Array, " m"]],
     number: Int[Array, ""],
     beta: Float[Array, ""],
-    u: Float[Array, " n"],
-    slope: Float[Array, ""],
+    point: Point,
     numbers: list[Array],
 ) -> Float[Array, ""]:
-    """Return `beta` with its derivative by `numbers`, that of limit state `number` over its slope.
+    """Return `beta` with its derivative by `numbers`, that of the limit state over its slope.
 
     Args:
-        function: function of u and `numbers` that returns all limit states.
+        function: function of u and `numbers` that returns all limit states; it is traced once more
+            if the derivative is taken.
         number: number of the limit state.
-        beta, u, slope: index, design point and length of the gradient there.
+        beta: index, NaN if the search has failed; so is its derivative then.
+        point: design point.
         numbers: list of arrays.
     """
-    u, slope = without_derivative((u, slope), numbers)  # second derivatives are not known
+    beta, point = lax.stop_gradient((beta, point))
 
-    @jax.custom_jvp
-    def attach(number, beta, u, slope, numbers):
-        return beta
+    def limit_state(parameters):
+        u, number, numbers = parameters
+        return function(u, numbers)[number]
 
-    @attach.defjvp
-    def differentiate(primals, tangents):
-        number, _, u, slope, numbers = primals
-
-        def limit_state(numbers):
-            return function(u, numbers)[number]
-
-        rate = jax.jvp(limit_state, (numbers,), (tangents[-1],))[1]
-        failed = jnp.where(jnp.isnan(slope), jnp.nan, 0.0)  # also by numbers without influence
-        return attach(*primals), rate / slope + failed * _sum_of_floats(tangents[-1])
-
-    return attach(number, beta, u, slope, numbers)
+    value = with_deferred_derivative(limit_state, point.value, (point.u, number, numbers))
+    slope = without_derivative(point.slope(), numbers)  # so second derivatives are NaN
+    change = _over_slope(value - lax.stop_gradient(value), slope)
+    failed = jnp.where(jnp.isnan(beta), jnp.nan, 0.0)
+    return _with_tangent(beta, failed, numbers) + change
 
 
 def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
     """Return a pytree of results of `numbers`, whose derivatives by them are NaN."""
-
-    @jax.custom_jvp
-    def mark(leaf, numbers):
-        return leaf
-
-    @mark.defjvp
-    def differentiate(primals, tangents):
-        return mark(*primals), jnp.full_like(primals[0], jnp.nan) * _sum_of_floats(tangents[1])
-
-    return jax.tree.map(lambda leaf: mark(leaf, numbers), tree)
+    return jax.tree.map(lambda leaf: _with_tangent(leaf, jnp.nan, numbers), tree)
 
 
-def _sum_of_floats(arrays):
-    """Return the sum of all entries of those arrays that are floats."""
-    floats = [array for array in arrays if jnp.issubdtype(array.dtype, jnp.floating)]
-    return sum((jnp.sum(array) for array in floats), jnp.zeros(()))
+@jax.custom_jvp
+def _over_slope(change, slope):
+    """Return ``change / slope`` for a change that is zero and has a derivative."""
+    return change
+
+
+@_over_slope.defjvp
+def _over_slope_jvp(primals, tangents):
+    """Rule of `_over_slope`: the slope has no part in the first derivative."""
+    return _over_slope(*primals), tangents[0] / primals[1]
+
+
+@jax.custom_jvp
+def _with_tangent(leaf, factor, numbers):
+    """Return `leaf`, whose tangent is `factor` times the sum of those of all floats."""
+    return leaf
+
+
+@_with_tangent.defjvp
+def _with_tangent_jvp(primals, tangents):
+    """Rule of `_with_tangent`."""
+    leaf, factor, _ = primals
+    floats = [t for t in tangents[2] if jnp.issubdtype(t.dtype, jnp.floating)]
+    total = sum((jnp.sum(t) for t in floats), jnp.zeros(()))
+    return _with_tangent(*primals), jnp.full_like(leaf, 1.0) * factor * total

@@ -19,7 +19,7 @@ from ..common.types import Array, Bool, Float, Int
 
 _SUFFICIENT = 0.1  # part of the promised decrease of the merit that a step must bring
 _PENALTY = 2.0  # over the least penalty with which the direction is one of descent
-_SHORTEST = 2.0**-30  # step, of the full one
+_SHORTEST = 2.0**-20  # step, of the full one
 
 
 class Point(NamedTuple):

@@ -1,27 +1,23 @@
-"""A report of a result for engineers: as text, as CSV tables, as a dict."""
+"""Report a result for engineers: make the tables and sentences of a `Report`."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from collections.abc import Mapping, Sequence
-from os import PathLike
-from pathlib import Path
-from typing import Any
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
-from ..common import checks, status
-from ..common.units import SI, Units, UnitsLike, as_units
-from ..common.writing import atomic_write_together
+from ..common import checks as arguments
+from ..common import status
+from ..common.units import SI, UnitsLike, as_units
+from ..design.checks import Checks
 from ..design.combinations import Combinations
-from ..files.results import format_csv
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
+from .check_tables import check_sentences, check_tables
 from .combination_table import combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
@@ -34,135 +30,14 @@ from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
 from .reaction_envelope import reaction_envelope_table
 from .reactions import equilibrium_table, reaction_table
+from .result_report import Report
 from .rotations import rotation_tables
 from .section_forces import section_force_tables
 from .slackness import loose_node_table, slack_cable_table
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
-from .table import (
-    Table,
-    common_scales,
-    csv_header,
-    finite_or_none,
-    table_in_units,
-    table_text,
-)
-
-_LONG = 30
-"""Number of rows of a table up to which its text shows all of them: half a printed page."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Report:
-    """Tables and sentences on a result, from `report`; as text, CSV, dicts, or written to files.
-
-    Attributes:
-        status: status code of the analysis.
-        summary: sentences on the whole analysis.
-        tables: dict from name to `Table`; empty if nothing has converged:
-
-            - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
-              sum, and that of the loads;
-            - ``reaction_envelope``: smallest and largest value of every component over cases, with
-              the others of the same case;
-            - ``combinations`` of actions, if they are given;
-            - ``groups``: smallest and largest force of every group, if there are several;
-            - ``members``: axial force, utilization and envelope of every element;
-            - ``displacements``: of every node that moves, from the start, after every phase (in
-              every case), and ``displacement_envelope``; ``displacements_since`` and
-              ``displacement_since_envelope`` from the beginning of the phase `since`;
-            - ``rotations`` of nodes, from the start, and ``tilts``: tilt and twist of beams and
-              bars, in degrees;
-            - ``sags``: sag, deflection, lowest point and horizontal tension of catenaries and of
-              chains;
-            - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
-              of `section_forces`; without those that are zero everywhere;
-            - ``stresses``, ``stress_envelope``: smallest and largest stress of fibres, and of bars
-              and cables with an area, in the final state and over all load steps;
-            - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
-            - ``surfaces``: areas and weights of groups whose elements have faces;
-            - ``slack``, ``loose``: cables without tension; nodes attached to such cables only;
-            - ``results``: smallest and largest value of other results that elements have, and by
-              the name of each its values in all elements, at all places;
-            - ``energy`` if it was asked for.
-
-        units: the `Units` of all tables and sentences that were asked for; None for SI units.
-
-    Example:
-        >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> written = jc.report(structure, jc.solve(structure, phases))
-        >>> written.tables["cutting_list"].rows[0][:2]
-        ['', 0]
-    """
-
-    status: int
-    summary: tuple[str, ...]
-    tables: Mapping[str, Table]
-    units: Units | None = None
-
-    def text(self, rows: int = _LONG) -> str:
-        """Return the report as text, with at most `rows` rows of each table.
-
-        Of a longer table these are the rows with the largest values, or the first ones.
-        """
-        parts = ["\n".join(self.summary)]
-        scales = common_scales(list(self.tables.values()), self.units)
-        units = self.units or SI
-        parts += [table_text(table, rows, scales, units) for table in self.tables.values()]
-        return "\n\n".join(parts) + "\n"
-
-    def csv(self) -> Mapping[str, str]:
-        """Return every table as CSV with all digits, a dict from its name to the text.
-
-        Numbers are in SI units, or in the `units` that were asked for.
-
-        ``summary`` has the sentences on the whole analysis, and the notes of each table.
-        """
-        sentences = [["of", "note"], *(["all", line] for line in self.summary)]
-        sentences += [[name, note] for name, table in self.tables.items() for note in table.notes]
-        return {
-            "summary": format_csv(sentences),
-            **{
-                name: format_csv([csv_header(table), *table.rows])  # None is an empty field
-                for name, table in self.tables.items()
-            },
-        }
-
-    def dict(self) -> Mapping[str, Any]:
-        """Return everything as dicts, lists, numbers and texts, ready for JSON."""
-        tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
-        for table in tables.values():
-            table["rows"] = [[finite_or_none(value) for value in row] for row in table["rows"]]
-        stated = {} if self.units is None else {"units": self.units.as_dict()}
-        return {"status": self.status, **stated, "summary": list(self.summary), "tables": tables}
-
-    def save(self, path: str | PathLike[str]) -> list[Path]:
-        """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
-
-        Returns:
-            Paths of the files written, a list.
-
-        Raises:
-            ValueError: another suffix. OSError: a file cannot be written.
-        """
-        path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix == ".csv":
-            texts = {path.with_name(f"{path.stem}-{k}.csv"): v for k, v in self.csv().items()}
-        elif suffix == ".json":
-            texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
-        elif suffix == ".txt":
-            texts = {path: self.text(rows=10**9)}  # all rows
-        else:
-            raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
-        with atomic_write_together() as begin:
-            for name, text in texts.items():
-                begin(name).write(text)
-        return list(texts)
-
-    def __str__(self) -> str:
-        return self.text()
+from .table import table_in_units
 
 
 def report(
@@ -178,6 +53,7 @@ def report(
     since: int | str | None = None,
     chains: Mapping[str, Sequence[int]] | None = None,
     combinations: Combinations | None = None,
+    checks: Checks | None = None,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
@@ -210,6 +86,7 @@ def report(
             rows in the table ``sags``.
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
             and a table of them.
+        checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
 
     Returns:
         `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
@@ -293,6 +170,12 @@ def report(
         summary += combination_sentences(combinations, failed, unstable)
         table = combination_table(combinations, failed, unstable, tables.values())
         tables = {"combinations": table, **tables}
+    if checks is not None:
+        if not isinstance(checks, Checks):
+            kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
+            raise ValueError(f"checks: expected Checks, got {kind}")
+        summary += check_sentences(checks)
+        tables = {**check_tables(checks), **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),
@@ -313,7 +196,7 @@ def report(
 def _names_of_combinations(combinations, cases, names):
     """Return the names of combinations; ValueError without cases, or with names beside."""
     if not isinstance(combinations, Combinations):
-        kind = checks.describe_type(combinations, "design.combinations(actions)")
+        kind = arguments.describe_type(combinations, "design.combinations(actions)")
         raise ValueError(f"combinations: expected Combinations, got {kind}")
     if cases is None or names is not None:
         raise ValueError("combinations: come with cases=..., their results, and without names")

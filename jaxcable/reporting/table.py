@@ -187,14 +187,32 @@ def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales
     return {**scales, "Pa": ("MPa", 1e-6)}
 
 
-def table_text(table: Table, most: int, scales: Scales, units_of_table: Units = SI) -> str:
-    """Return a table as text of at most `most` rows.
+class TableTexts(NamedTuple):
+    """Cells of a table as a text shows them: result of `table_texts`.
+
+    Attributes:
+        units: unit of every column, as shown.
+        texts: texts of the cells, for every column a list.
+        shown: indices of the columns to show: neither details nor empty.
+        notes: notes, with one on rows that are left out.
+    """
+
+    units: list[str]
+    texts: list[list[str]]
+    shown: list[int]
+    notes: list[str]
+
+
+def table_texts(
+    table: Table, most: int | None, scales: Scales, units_of_table: Units = SI
+) -> TableTexts:
+    """Return the cells of a table as texts, of at most `most` rows (None: of all).
 
     These are the rows with the largest values in the columns `table.governing`, or else the first
     ones. `scales` are the shown units and factors, as of `common_scales`.
     """
     rows, notes = table.rows, list(table.notes)
-    if len(rows) > most:
+    if most is not None and len(rows) > most:
         if table.governing is not None:
             rows = sorted(rows, key=lambda row: -_governing_size(table, row))
         rows = rows[:most]
@@ -204,17 +222,20 @@ def table_text(table: Table, most: int, scales: Scales, units_of_table: Units = 
     for k in table.millimeters:
         small, factor = units_of_table.small_length
         scaled[k] = (small, float(factor))
-    units = [unit for unit, _ in scaled]
-    title, headings = _title_and_headings(table, units)
     least = _negligible_sizes(table, units_of_table)
     columns = zip(*rows, strict=True)  # none without rows
     texts = [
         [_cell_text(value, factor, unit, least.get(table_unit, 0.0)) for value in column]
-        for column, (_, factor), unit, table_unit in zip(
-            columns, scaled, units, table.units, strict=False
-        )
+        for column, (unit, factor), table_unit in zip(columns, scaled, table.units, strict=False)
     ]
     shown = [k for k, column in enumerate(texts) if any(column) and k not in table.details]
+    return TableTexts([unit for unit, _ in scaled], texts, shown, notes)
+
+
+def table_text(table: Table, most: int | None, scales: Scales, units_of_table: Units = SI) -> str:
+    """Return a table as text of at most `most` rows; arguments as of `table_texts`."""
+    units, texts, shown, notes = table_texts(table, most, scales, units_of_table)
+    title, headings = _title_and_headings(table, units)
     wrapped = _wrap_headings([headings[k] for k in shown], [max(map(len, texts[k])) for k in shown])
     height = max(map(len, wrapped), default=0)
     padded = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,8 @@ class Scene(NamedTuple):
         (0, 12, 2)
 
     A scene from a file that states its units has them as `units`; its numbers are in SI all the
-    same. Pass them on: ``jc.report(structure, solution, units=scene.units)``.
+    same. Pass them on: ``jc.report(structure, solution, units=scene.units)``. A file may also have
+    actions to combine, which the scene has as `actions`.
     """
 
     structure: Structure
@@ -49,14 +51,34 @@ class Scene(NamedTuple):
     def with_units(self, units: UnitsLike | None) -> Scene:
         """Return the same scene, in SI, with other `units` to write and to show it in."""
         scene = _SceneOfFile(*self)
+        vars(scene).update(getattr(self, "__dict__", {}))
         scene._units = None if units is None else as_units(units)
+        return scene
+
+    @property
+    def actions(self) -> list[Any]:
+        """The actions (`design.Action`) that the file of the scene has, to combine; a list."""
+        return list(getattr(self, "_actions", ()))
+
+    def with_actions(self, actions: Sequence[Any]) -> Scene:
+        """Return the same scene with other `actions`, a list of `design.Action`."""
+        scene = _SceneOfFile(*self)
+        vars(scene).update(getattr(self, "__dict__", {}))
+        scene._actions = tuple(actions)
         return scene
 
 
 class _SceneOfFile(Scene):
-    """A `Scene` that can have units."""
+    """A `Scene` that can have units and actions."""
 
     _units: Units | None = None
+    _actions: tuple[Any, ...] = ()
+
+    def _replace(self, **changes):
+        """Return the scene with other fields, in the same units and with the same actions."""
+        scene = super()._replace(**changes)
+        vars(scene).update(vars(self))
+        return scene
 
 
 def two_phase_scene(

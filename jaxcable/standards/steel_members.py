@@ -24,6 +24,7 @@ class SteelSection(NamedTuple):
         Wy, Wz: section moduli that bending may use, m3: plastic ones in classes 1 and 2, elastic
             ones in class 3.
         Avy, Avz: shear areas along y and z, m2; None: shear is not checked.
+        circular: whether it is a tube or a round bar, whose moments about y and z add as a vector.
         label: of what they are, such as "IPE 300, class 1"; for reports.
 
     Example:
@@ -39,6 +40,7 @@ class SteelSection(NamedTuple):
     Wz: Float[ArrayLike, ""]
     Avy: Float[ArrayLike, ""] | None = None
     Avz: Float[ArrayLike, ""] | None = None
+    circular: bool = False
     label: str = "given numbers"
 
 
@@ -116,7 +118,9 @@ def steel_section(
         Wy, Wz = profile.Wpl_y, profile.Wpl_z
     label = f"{profile.name}, class {section_class}"
     Avy, Avz = _shear_areas(profile)
-    return SteelSection(profile.A, profile.Iy, profile.Iz, Wy, Wz, Avy, Avz, label)
+    return SteelSection(
+        profile.A, profile.Iy, profile.Iz, Wy, Wz, Avy, Avz, profile.shape == "circle", label
+    )
 
 
 def _shear_areas(profile):
@@ -183,7 +187,8 @@ def section_utilization(
 ) -> Float[Array, " ..."]:
     """Compute the utilization of cross-sections: ``N/N_Rd + My/My_Rd + Mz/Mz_Rd``, or shear.
 
-    The sum of utilizations is the conservative rule of 6.2.1 (7). Where a shear force is above half
+    The sum of utilizations is the conservative rule of 6.2.1 (7); moments on circular sections add
+    as a vector, as in 6.2.9.1 (6). Where a shear force is above half
     of its resistance, the yield strength for the moment about the other axis is reduced by
     ``(2 V/V_Rd - 1)^2`` (6.2.8). The result is the largest of the sum and of ``V/V_Rd`` along y and
     z.
@@ -210,7 +215,8 @@ def section_utilization(
     )
     bending_y = force[4] / (section.Wy * strength * _left_by_shear(shear_z))
     bending_z = force[5] / (section.Wz * strength * _left_by_shear(shear_y))
-    together = force[0] / (section.A * strength) + bending_y + bending_z
+    bending = combined_bending(bending_y, bending_z, section)
+    together = force[0] / (section.A * strength) + bending
     return jnp.maximum(together, jnp.maximum(shear_y, shear_z))
 
 
@@ -219,3 +225,14 @@ def _left_by_shear(shear):
     # beyond the full resistance nothing is left; the utilization is that of shear then
     lost = jnp.where(shear > 0.5, (2 * shear - 1) ** 2, 0.0)
     return jnp.where(lost < 1, 1 - lost, jnp.inf)
+
+
+def combined_bending(
+    about_y: Float[Array, " ..."], about_z: Float[Array, " ..."], section: SteelSection
+) -> Float[Array, " ..."]:
+    """Return the utilization by both moments from those by each, for a `SteelSection`."""
+    if not section.circular:
+        return about_y + about_z
+    square = about_y**2 + about_z**2
+    bent = square > 0  # without moments the root has no derivative
+    return jnp.where(bent, jnp.sqrt(jnp.where(bent, square, 1.0)), 0.0)

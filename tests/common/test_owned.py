@@ -49,6 +49,8 @@ def examples():
     parallel = jc.materials.Parallel([LAW, LAW], [0.25, 0.75])
     faces = [[0, 1, 4], [2, 3, 4]]
     target = jc.design.Target("tension", [1.0, 2.0], at=[0, 2])
+    changes = {"temperature": {"net": np.ones(4)}, "removes": {"net": np.ones(4, bool)}}
+    action = jc.design.Action("cold", "wind", [nodal], needs=["ice"], **changes)
     net = jc.files.Net(
         np.array(NODES),
         np.array(LINKS),
@@ -81,7 +83,7 @@ def examples():
         *(jc.CablePressure([1.0] * 4, [0.0, 1.0, 0.0]), LAW, jc.Elastic(np.array(2e11)), SECTION),
         *(jc.only([0, 1], [1.0, 2.0]), jc.only([0, 1]), jc.Newton(np.array(1e-9))),
         jc.Varying(nodal, [0.0, 0.5, 1.0], [0.0, 1.0, 0.2]),
-        *(jc.Incremental(tol=np.array(0.1)), target, net),
+        *(jc.Incremental(tol=np.array(0.1)), target, net, action),
     ]
 
 

@@ -118,7 +118,10 @@ def fits(example, kind, field=None):
     if field in ("sag", "built_sag", "horizontal_tension"):
         guys |= {"type": "Catenaries"}
         mast |= {"hinges": [[False, True]]}
-    if kind == "Phase":
+    if kind == "Action":
+        own = {"name": "cold", "kind": "wind", "temperature": {"guys": -1.0}, field: example}
+        data = {**data, "actions": [own if field else example]}
+    elif kind == "Phase":
         phase = {field: example} if field else example
     elif kind in ("Elastic", "Polygonal"):
         guys |= {"area": 1e-4, "law": example}

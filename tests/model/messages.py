@@ -33,6 +33,7 @@ DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True
 WARM = design.Action("warm", "temperature", temperature=20.0)
 RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
 STANDARD = reliability.Normal(0.0, 1.0)
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
@@ -646,6 +647,45 @@ design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
 design.envelope(3.0)  # values: expected arrays with the cases
 design.envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 design.envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
+design.checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
+design.checks(HUNG, solution(), "EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
+design.checks(HUNG, solution(), 5)  # rules: expected checks, or the name of a standard, got int
+design.checks(HUNG, solution(), [5])  # rules[0]: expected a check, got int
+design.checks(HUNG, solution())  # cable resistance: no group of the structure has cables with a
+design.checks(HUNG, solution(), design.CableResistance("net"))
+    # cable resistance: elements of 'net' have no strength
+design.checks(HUNG, solution(), design.TensionLimit(lower=1.0, elements="nett"))
+    # tension that remains: elements = 'nett': no such key
+design.checks(HUNG, solution(), 2 * [design.TensionLimit(lower=1.0)])
+    # rules[1]: 'tension that remains' is the name of rules[0], too
+design.checks(HUNG, solution(), design.TensionLimit(lower=1.0), names=["a", "b"])
+    # names: expected 1 different ones
+design.checks(HUNG, solution(), design.ReactionLimit([99], upper=1.0))  # reaction: nodes
+design.TensionLimit()  # tension that remains: lower: missing
+design.TensionLimit(lower=0.0)  # tension that remains: lower = 0.0: expected a positive tension
+design.DisplacementLimit(-0.1)  # displacement: upper = -0.1: expected a positive limit
+design.DisplacementLimit(0.1, direction=(0, 0, 0))  # displacement: direction = (0, 0, 0)
+design.ReactionLimit([0])  # reaction: lower, upper: missing
+design.ReactionLimit([0], lower=2.0, upper=1.0)  # reaction: lower = 2.0: expected below upper
+design.OwnCheck("own", 5)  # function: expected a function, got int
+design.CableResistance(termination="swaged")  # termination = 'swaged': expected one of metal filled
+design.CableResistance(gamma_r=0.0)  # gamma_r = 0.0: must be positive
+design.CableService(fraction="use")  # fraction = 'use': expected one of service
+design.CableFatigue(category="rope")  # category = 'rope': expected one of prestressing bar
+design.MemberSection()  # cross-section: profile, yield_strength: missing
+design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
+design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
+design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
+    # section_class = 4: expected 1, 2 or 3
+design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
+    # profile: L 100x10 is an angle
+design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
+design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=0.0)
+    # lengths = 0.0: expected positive lengths
+design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=1.0, curves="e")
+    # curves = 'e': expected one of a0
+design.checks(HUNG, solution(), design.OwnCheck("own", lambda s, x: x.displacement))
+    # own: function: expected [n_item], got shape
 design.Action(" ", "snow", push())  # name = ' ': expected a text that is not empty
 design.Action("snow", 5, push())  # kind = 5: expected a text that is not empty
 design.Action("snow", "snow")  # 'snow' has no loads and no changes

@@ -17,9 +17,9 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "jaxcable"
 
 FLOORS = """
-    common; linear; numerics; materials; sections; elements; spaces; model; loads; mechanics;
-    equilibrium; analysis; stiffness; results; paths; forms; design; studies; scenes; plots, files;
-    reporting, catalogue; cli, extend; __init__, __main__
+    common; linear; numerics; materials, standards; sections; elements; spaces; model; loads;
+    mechanics; equilibrium; analysis; stiffness; results; paths; forms; design;
+    studies, reliability; scenes; plots, files; reporting, catalogue; cli, extend; __init__, __main__
 """
 LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}

@@ -1,0 +1,68 @@
+"""A report as a PDF file (by the wheel of Typst, the extra `reports`)."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from importlib import resources
+from types import ModuleType
+from typing import Any
+
+from .document import Document
+
+
+def import_typst() -> ModuleType:
+    """Import and return the module `typst`; raise ValueError if it is not installed."""
+    try:
+        import typst
+    except ImportError:
+        raise ValueError("PDF: needs typst; pip install 'jaxcable[reports]'") from None
+    return typst
+
+
+@functools.cache
+def _template():
+    """Return the template of the document, a text in the language of Typst."""
+    return resources.files(__package__).joinpath("report.typ.txt").read_bytes()
+
+
+def pdf_bytes(document: Document) -> bytes:
+    """Return a `Document` as a PDF: A4, with contents and numbers of pages.
+
+    Texts are data of the template, so that no character of theirs means anything to Typst.
+    """
+    data = json.dumps(_document_data(document), ensure_ascii=False)
+    return import_typst().compile(_template(), format="pdf", sys_inputs={"data": data})
+
+
+def _document_data(document):
+    """Return a document as plain data: tables in runs of pages of one format."""
+    tables = [(any(part.landscape for part in table.parts), table) for table in document.tables]
+    runs = itertools.groupby(tables, key=lambda pair: pair[0])
+    return {
+        "title": document.title,
+        "author": next((text for word, text in document.facts if word == "author"), ""),
+        "program": next(text for word, text in document.facts if word == "program"),
+        "facts": document.facts,
+        "summary": document.summary,
+        "pictures": document.pictures,
+        "runs": [
+            {"landscape": wide, "tables": [_table_data(table) for _, table in pairs]}
+            for wide, pairs in runs
+        ],
+    }
+
+
+def _table_data(table) -> dict[str, Any]:
+    """Return a `DocumentTable` as plain data."""
+    parts = [
+        {
+            "headings": part.headings,
+            "units": part.units,
+            "align": ["right" if is_numeric else "left" for is_numeric in part.numeric],
+            "cells": list(itertools.chain.from_iterable(part.rows)),
+        }
+        for part in table.parts
+    ]
+    return {"title": table.title, "parts": parts, "notes": table.notes}

@@ -1,0 +1,79 @@
+"""Tables of checks: figures of the result, sorted; verdicts; what is input and not covered."""
+
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.reporting.check_tables import table_name
+
+ROPE = jc.Cables([[0, 1], [0, 2]], axial_stiffness=1e7, strength=[300e3, 200e3])
+HOOKS = jc.Structure(
+    [[0.0, 0, 0], [0, 0, -2.0], [1.0, 0, -2.0]], {"rope": ROPE}, supports=jc.pinned([0])
+)
+
+
+@pytest.fixture(scope="module")
+def written():
+    """Two loads on two ropes, one of which is above the limit of one check."""
+    hung = jc.Phase(loads=jc.NodalLoads([1, 2], (0.0, 0.0, -1e3)))
+    cases = [
+        jc.Phase(loads=jc.NodalLoads([1, 2], [(0.0, 0, -p), (0.0, 0, -q)]))
+        for p, q in ((90e3, 100e3), (150e3, 30e3))
+    ]
+    solutions = jc.design.solve_cases(HOOKS, hung, cases)
+    assert not np.asarray(solutions.status).any()
+    rules = [jc.design.CableResistance(), jc.design.CableSafety(factor=1.5, name="a: =safety")]
+    found = jc.design.checks(HOOKS, solutions, rules, names=["snow", "crane"])
+    prestressed = jc.solve(HOOKS, hung)
+    return found, jc.report(
+        HOOKS, prestressed, cases=solutions, names=["snow", "crane"], checks=found, units="kN, m"
+    )
+
+
+def test_the_overview_is_sorted_and_says_what_has_passed(written):
+    """One line a check; figures of the checks, by hand: 151 / (300 / 1.5), 101 / (200 / 1.5)."""
+    _, report = written
+    table = report.tables["checks"]
+    assert table.columns[:3] == ("check", "utilization", "item")
+    (first, second) = table.rows
+    assert (first[0], first[2], first[3]) == ("cable resistance", "rope 1", "snow")
+    # the rope at node 2 hangs at the same height under its load: its length grows by 1 %
+    np.testing.assert_allclose(first[1], 101 / (200 / 1.5), rtol=1e-9)
+    assert first[4] == "passed" and second[1] <= first[1]
+    assert any("all 2 checks passed" in line for line in report.summary)
+
+
+def test_items_have_their_terms_in_the_units_of_the_report(written):
+    """Forces in kN, utilizations as in the result, the most utilized first; input in the notes."""
+    found, report = written
+    table = report.tables["check_cable_resistance"]
+    assert table.columns == ("item", "F_Ed", "F_Rd", "utilization", "in")
+    assert table.units[1:3] == ("kN", "kN")
+    rows = {row[0]: row for row in table.rows}
+    np.testing.assert_allclose(rows["rope 0"][2], 200.0)
+    np.testing.assert_allclose(rows["rope 0"][3], found["cable resistance"].utilization[0])
+    used = [row[3] for row in table.rows]
+    assert used == sorted(used, reverse=True)
+    notes = " ".join(table.notes)
+    for text in ("k_e = 1", "gamma_R = 1", "EN 1993-1-11:2006, 6.2", "not covered"):
+        assert text in notes
+
+
+def test_a_check_that_is_not_passed_stands_in_the_summary():
+    """Infinite utilization is a number, and text, CSV and JSON are written."""
+    solution = jc.solve(HOOKS, jc.Phase(loads=jc.NodalLoads([1, 2], (0.0, 0.0, -1e3))))
+    assert int(solution.status) == 0
+    uplift = jc.design.ReactionLimit([0], lower=0.0, direction=(0, 0, -1), name="uplift")
+    found = jc.design.checks(HOOKS, solution, [uplift, jc.design.CableResistance()])
+    report = jc.report(HOOKS, solution, checks=found)
+    assert any("1 of 2 checks NOT passed: uplift" in line for line in report.summary)
+    assert report.tables["checks"].rows[0][4] == "NOT passed"
+    assert "uplift" in report.text() and "uplift" in report.csv()["checks"]
+    assert report.dict()["tables"]["checks"]["rows"][0][0] == "uplift"
+
+
+def test_names_of_tables_differ():
+    """Two checks may have names that differ in signs only."""
+    assert table_name("Cable, 1") == "check_cable__1"
+    assert table_name("cable; 1", {"check_cable__1"}) == "check_cable__1_"
+    assert table_name("=") == "check_own"
