@@ -214,7 +214,7 @@ def test_failed_searches_say_so_and_give_nothing():
         assert found.status == code
         assert np.isnan([found.beta, found.probability, found.distance]).all()
         assert np.isnan([*found.alpha.values(), *found.design_point.values()]).all()
-        assert np.isnan(jax.grad(failing_index)(0.0, limit_state, options))
+    assert np.isnan(jax.grad(failing_index)(0.0, limit_state, options))
     assert found.last_point["p"] == pytest.approx(2.0, abs=1e-6) and found.failures > 5
 
 
