@@ -1,6 +1,6 @@
 """Do first order, importance sampling and crude samples agree on a cable truss?
 
-Question   A cable truss of 24 m with 12 cables, whose cutting lengths, modulus, snow and wind suction
+Question   A cable truss of 24 m with 12 cables, whose cutting lengths, modulus, snow and suction
            scatter: the probability that its carrying cable exceeds its strength under snow, or that
            it has less than 2 kN under suction. `reliability.first_order`, sampling around its
            design points, and crude Monte Carlo samples.
