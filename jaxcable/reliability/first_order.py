@@ -68,8 +68,8 @@ def first_order(
         are exact: ``dG/dp / |dG/du|`` at the design point, which is stationary (envelope
         theorem). The other results, and second derivatives, have NaN for a derivative.
 
-    Called from Python, it runs the analyses (`solve`) in a limit state by the programs that they have
-    by themselves. Under jit, vmap or a derivative the whole search is one program, which takes
+    Called from Python, it runs the analyses (`solve`) in a limit state by the programs that they
+    have by themselves. Under jit, vmap or a derivative the whole search is one program, which takes
     longer to compile.
 
     Raises:
