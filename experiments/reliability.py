@@ -122,7 +122,7 @@ def main(count):
         "method                  samples  probability   std. error  violated  unknown  seconds  "
         "FORM off by, std. errors"
     )
-    importance_sampling(margins, QUANTITIES, found, samples=64)  # compiles
+    importance_sampling(margins, QUANTITIES, found, samples=2048)  # compiles
     near = sampled(record, "around design points", min(20_000, count), found, system.high)
     crude = sampled(record, "crude", count, None, system.high)
     error = np.hypot(near.standard_error, crude.standard_error)

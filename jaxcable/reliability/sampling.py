@@ -23,7 +23,7 @@ from .limit_states import limit_state_vector, require_limit_state
 from .quantities import Quantities, as_quantities
 from .systems import stacked_results
 
-_ROUND = 2**16  # samples that are in memory at the same time
+_ROUND = 2**11  # samples at a time: one program for all larger numbers of them
 _LISTED = 100  # failed samples whose values are kept
 _EQUAL_PART = 0.1  # of the samples, shared out to all design points alike
 
@@ -137,8 +137,8 @@ def importance_sampling(
         key = jax.random.key(key)
     own = functools.partial(_with_arguments, limit_state, args) if args else limit_state
     evaluate = batched(_cases(own), chunk, devices=devices)
-    rounds = -(-samples // _ROUND)
-    size = -(-samples // rounds)
+    size = min(samples, max(_ROUND, chunk or 1))
+    rounds = -(-samples // size)
     sums: Any = 0.0
     unknown_values: list[Any] = []
     for number in range(rounds):
