@@ -95,6 +95,7 @@ def column(x, capacity=1.0):
     return capacity - x["b"] / (1000 * x["c"]) - (x["a"] / (200 * x["c"])) ** 2
 
 
+@pytest.mark.slow  # a dozen seconds to compile
 def test_the_example_of_calrel():
     """Liu, Lin and Der Kiureghian, CALREL (1989): derivatives in Bourinet (2017), Tables 2 and 3.
 
