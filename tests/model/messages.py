@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcable as jc
-from jaxcable import design, materials
+from jaxcable import design, materials, reliability
 from jaxcable.analysis.preparation import prepare
 from jaxcable.design.targets import deviations
 
@@ -32,6 +32,7 @@ SNOW = design.Action("snow", "snow", jc.NodalLoads([1], UP))
 DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True)
 WARM = design.Action("warm", "temperature", temperature=20.0)
 RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
+STANDARD = reliability.Normal(0.0, 1.0)
 TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
@@ -753,6 +754,43 @@ design.slack_distance(net(), solution())  # solution: is of another structure
 design.nearest_kink(3, jnp.ones(2), jnp.ones(2))  # distance: expected a function, got int
 design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))
     # direction: expected a scalar or shape (2,), got (3,)
+
+## reliability
+reliability.Normal(1.0)  # deviation: give either a standard deviation or a variation
+reliability.Normal(1.0, 0.1, 0.1)  # deviation: give either a standard deviation or a variation
+reliability.Normal(np.ones(2), np.ones(3))  # mean: has shape (2,), its scatter (3,)
+reliability.Quantities({})  # quantities: expected a dict of distributions by name
+reliability.Quantities({"a": 3.0})  # quantities['a']: expected a distribution, got float
+reliability.Quantities({"wind": STANDARD}, {("wind", "wnd"): 0.1})
+    # correlation[('wind', 'wnd')]: no quantity 'wnd'; there are 'wind'; did you mean 'wind'
+reliability.Quantities({"a": reliability.Normal(np.ones(2), 1.0), "b": STANDARD}, {("a", "b"): 0.1})
+    # correlation[('a', 'b')]: 'a' is an array
+reliability.Quantities({"a": STANDARD}, {("a", "a"): 0.1})
+    # correlation[('a', 'a')]: expected two quantities
+reliability.Quantities({"a": STANDARD}, np.eye(2))  # correlation: expected shape (1, 1)
+reliability.normal_correlation({"a": STANDARD}, np.eye(1))
+    # quantities: expected Quantities, got dict
+reliability.first_order(3, {"a": STANDARD})  # limit_state: expected a function
+reliability.first_order(lambda x: x, {"a": STANDARD}, start={"b": 1.0})  # values: no quantity 'b'
+reliability.first_order(lambda x: None, {"a": STANDARD})
+    # limit_state: expected a scalar float, a vector [m], or a dict of scalars, got NoneType
+reliability.first_order(lambda x: {"a": jnp.ones(2)}, {"a": STANDARD})
+    # limit_state: expected a scalar float...got float64[2]
+reliability.first_order(lambda x: {}, {"a": STANDARD})  # limit_state: ...got an empty one
+reliability.first_order(lambda x: x["a"], {"a": STANDARD}, steps=0)  # steps = 0
+reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, 3.0)
+    # center: expected the result of first_order, or a list, got float
+reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, samples=1)  # samples = 1
+reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, spread=0.0)  # spread = 0.0
+reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, key=-1)  # key = -1
+reliability.series_system([3.0])  # results[0]: expected the result of first_order, got float
+reliability.tolerance_budget(np.eye(2), 1.0, np.ones(2), choice="best")  # choice = 'best'
+reliability.tolerance_budget(np.eye(2), 1.0, np.ones(2), adding="rss")  # adding = 'rss'
+reliability.tolerance_budget(np.eye(2), 0.0, np.ones(2))  # allowed: must be positive
+reliability.tolerance_budget(np.eye(2), np.ones(3), np.ones(2))  # allowed: expected shape (2,)
+reliability.tolerance_budget(np.eye(2), 1.0, np.ones(2), cost=-1.0)  # cost: must be positive
+reliability.tolerance_budget(np.nan * np.eye(2), 1.0, np.ones(2))  # jacobian: is NaN
+reliability.tolerance_budget(np.eye(2), np.inf, np.ones(2))  # jacobian: no input affects a result
 """)
 
 SUSPICIOUS = rows("""

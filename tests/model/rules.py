@@ -326,6 +326,18 @@ def scattered(v):
     return design.propagate_tolerances(jnp.eye(2), v)[0]
 
 
+def scattered_by(name, kind=jc.reliability.Normal, **others):
+    """A value of a distribution."""
+    return lambda v: kind(**{"mean": 2.0, name: v, **others}).value_at(1.0)
+
+
+def correlated(v):
+    normal = jc.reliability.Normal(0.0, 1.0)
+    matrix = np.eye(2) + v * np.array([[0.0, 1.0], [1.0, 0.0]])
+    own = jc.reliability.Quantities({"a": normal, "b": normal}, matrix)
+    return own.values_at(jnp.ones(2))["b"]
+
+
 def used(v):
     return design.material_use(STRESSED, v)
 
@@ -540,6 +552,13 @@ lined, AXIS, NOWHERE  # direction: direction: is zero; give the direction of the
 ## design/objectives.py
 used,  # material_use: ...stress = -1.0
 used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+## reliability/distributions.py
+scattered_by("deviation"),  # deviation: deviation = -1.0: must be positive
+scattered_by("variation"),  # variation: variation = -1.0: must be positive
+scattered_by("mean", variation=0.1), 1.0, 0.0  # mean: mean = 0.0: is zero, which a coefficient
+scattered_by("mean", jc.reliability.Lognormal, deviation=0.1),  # mean: mean = -1.0: must be pos
+## reliability/quantities.py
+correlated, 0.5, 1.5  # correlation: correlation: must be symmetric and positive definite
 """)
 
 OTHERWISE = {

@@ -18,8 +18,8 @@ PACKAGE = ROOT / "jaxcable"
 
 FLOORS = """
     common; linear, standards; numerics; materials; sections; elements; spaces; model; loads;
-    mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies; scenes;
-    plots, files; reporting, catalogue; cli, extend; __init__, __main__
+    mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies,
+    reliability; scenes; plots, files; reporting, catalogue; cli, extend; __init__, __main__
 """
 LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}

@@ -1,0 +1,218 @@
+"""Reliability index and design point by the first-order reliability method (FORM)."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.scipy.special import ndtr
+
+from ..common import checks, status
+from ..common.compilation import call_announced
+from ..common.function_programs import ProgramCache
+from ..common.jax_internals import convert_closure
+from ..common.split_programs import SplitProgram, can_be_split, splittable
+from ..common.types import ArrayLike, Float
+from ..design.arguments import check_tolerance, is_valid_tolerance
+from ..linear import unbatched
+from .distributions import Distribution
+from .first_order_result import FirstOrder
+from .index_derivative import attach_derivative, without_derivative
+from .limit_states import limit_state_names, limit_state_vector, require_limit_state
+from .quantities import Quantities, as_quantities, split_by_name
+from .search import advance_search, begin_search, find_design_point
+
+_TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
+
+
+def first_order(
+    limit_state: Callable[..., Any],
+    quantities: Quantities | Mapping[str, Distribution],
+    *,
+    args: tuple[Any, ...] = (),
+    start: Mapping[str, Float[ArrayLike, " ..."]] | None = None,
+    steps: int = 100,
+    tol: Float[ArrayLike, ""] | None = None,
+) -> FirstOrder:
+    """Find reliability index and design point by the first-order reliability method (FORM).
+
+    The limit state is linearized at its most probable point in standard normal space, by exact
+    gradients (iHL-RF iteration: Zhang and Der Kiureghian 1995).
+
+    Args:
+        limit_state: function ``limit_state(values, *args)`` of the values of all quantities by
+            name, negative where the structure fails; any function of a solution. It returns a
+            scalar, or several limit states of one analysis: a vector [m], or a dict of scalars by
+            name, each with a search of its own. NaN where the analysis fails.
+        quantities: `Quantities`, or a dict of independent distributions by name.
+
+    Options:
+        args: tuple of further arguments of the limit state, any pytrees. It is compiled once per
+            function object: variables that it captures become constants of the program.
+        start: values by name at which the search begins; those that it lacks are at their medians,
+            where all are by default. A design point is the nearest one around: other starts may
+            lead to others.
+        steps: largest number of accepted steps.
+        tol: largest distance of the point found from the surface and from the line along the
+            gradient, in standard normal space, over the distance from the origin (at least 1). The
+            error of `beta` is of its second order. Default: 1e-6 in float64, 1e-3 in float32.
+
+    Returns:
+        `FirstOrder`. Works under jit and vmap. The derivatives of `beta` and `probability` by
+        means and scatters, correlations and all floats in `args`, or that the limit state captures,
+        are exact: ``dG/dp / |dG/du|`` at the design point, which is stationary (envelope
+        theorem). The other results, and second derivatives, have NaN for a derivative.
+
+    Called from Python, it runs the analyses (`solve`) in a limit state by the programs that they
+    have by themselves. Under jit, vmap or a derivative the whole search is one program, which takes
+    longer to compile.
+
+    Raises:
+        ValueError: no function, quantities that are none, or a limit state that returns something
+            else.
+
+    Example:
+        A cable under its pretension and wind, and how the index rises with the mean strength:
+
+        >>> def margin(x):
+        ...     return x["strength"] - x["tension"] - 150.0 * x["pressure"]  # N
+        >>> def index(mean):
+        ...     quantities = {
+        ...         "strength": jc.reliability.Lognormal(mean, variation=0.08),
+        ...         "tension": jc.reliability.Normal(100e3, 5e3),
+        ...         "pressure": jc.reliability.Gumbel(350.0, variation=0.25),
+        ...     }
+        ...     found = jc.reliability.first_order(margin, quantities)
+        ...     return found.beta, found
+        >>> (beta, found), slope = jax.value_and_grad(index, has_aux=True)(250e3)
+        >>> print(found.status, f"{beta:.4f}, {1e3 * slope:.5f} per kN")
+        0 3.5031, 0.02250 per kN
+    """
+    require_limit_state(limit_state)
+    quantities = as_quantities(quantities)
+    checks.require_whole_number(steps, "steps")
+    dtype = jnp.zeros(0).dtype
+    tol = jnp.asarray(check_tolerance(tol, _TOLERANCE[str(dtype)]), dtype)
+    begin = jnp.asarray(quantities.normal_at({} if start is None else start))
+    task = quantities, tuple(args), begin
+    if can_be_split((*task, tol)):
+        evaluate = _evaluations(limit_state)
+        if evaluate.has_calls(np.int32(0), *task):
+            return _first_order_on_host(limit_state, evaluate, *task, steps, tol)
+    return call_announced(_programs(limit_state, steps), *task, tol)
+
+
+def _vector(reference, quantities, args, u):
+    """Return all limit states of the function ``reference()`` at u."""
+    return limit_state_vector(reference()(quantities.values_at(u), *args))
+
+
+def _names(reference, quantities, args, u):
+    """Return the names of the limit states of the function ``reference()``; None for one number."""
+    return limit_state_names(lambda values: reference()(values, *args), quantities.values_at(u))
+
+
+def _split_evaluation(reference):
+    """Return the `SplitProgram` of one limit state and its gradient; its analyses stay apart."""
+
+    def one(number, quantities, args, u):
+        return _vector(reference, quantities, args, u)[number]
+
+    def evaluate(number, quantities, args, u):
+        return jax.value_and_grad(splittable(lambda u: one(number, quantities, args, u)))(u)
+
+    return SplitProgram(evaluate, calling=splittable(one))
+
+
+_evaluations = ProgramCache(_split_evaluation)
+
+
+def _first_order_on_host(limit_state, evaluate, quantities, args, begin, steps, tol):
+    """Search in a Python loop: `evaluate` runs the analyses by the programs that they have."""
+    names = _names(lambda: limit_state, quantities, args, begin)
+    found = []
+    for number in range(1 if names is None else len(names)):
+        state = _begin_compiled(quantities, begin, tol)
+        while state.is_running():
+            values = evaluate(np.int32(number), quantities, args, state.trial())
+            state = _advance_compiled(state, *values, tol, steps=steps)
+        found.append(_fields_compiled(state, quantities))
+    fields = found[0] if names is None else jax.tree.map(lambda *parts: jnp.stack(parts), *found)
+    return FirstOrder(*fields, limit_states=names, layout=quantities.layout)
+
+
+@jax.jit
+def _begin_compiled(quantities, begin, tol):
+    """Return the state before a search; a compiled program."""
+    return begin_search(begin, quantities.are_valid() & is_valid_tolerance(tol))
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _advance_compiled(state, value, gradient, tol, *, steps):
+    """Return the next state of a search; a compiled program."""
+    return advance_search(state, value, gradient, steps, tol)
+
+
+def _compile_first_order(reference, steps):
+    """Return the program of `first_order` for the limit state ``reference()``."""
+
+    def run(quantities, args, begin, tol):
+        names = _names(reference, quantities, args, begin)
+        # `numbers` are all that has a part in it but u: quantities, args, captured variables
+        function, numbers = convert_closure(
+            lambda u: _vector(reference, quantities, args, u), begin
+        )
+        numbers = [jnp.asarray(number) for number in numbers]
+        held = lax.stop_gradient(numbers)
+        own, start, within = lax.stop_gradient((quantities, begin, tol))
+
+        def search(number):
+            evaluate = jax.value_and_grad(lambda u: function(u, held)[number])
+            state = _begin_compiled(own, start, within)
+            state = find_design_point(evaluate, state, steps, within)
+            code, beta, _, *others = _fields(state, own)
+            beta = attach_derivative(function, number, beta, state.point, numbers)
+            floats = [isinstance(x, dict) or x.dtype == beta.dtype for x in others]
+            others = [
+                without_derivative(x, numbers) if has_derivative else x
+                for x, has_derivative in zip(others, floats, strict=True)
+            ]
+            return code, beta, ndtr(-beta), *others
+
+        found = jax.vmap(search)(jnp.arange(1 if names is None else len(names)))
+        if names is None:
+            found = jax.tree.map(lambda leaf: leaf[0], found)
+        return FirstOrder(*found, limit_states=names, layout=quantities.layout)
+
+    return jax.jit(run)
+
+
+_programs = ProgramCache(_compile_first_order)
+
+
+def _fields(state, quantities):
+    """Return the fields of `FirstOrder`, without derivatives, of a search that has ended."""
+    layout, point, factor = quantities.layout, state.point, quantities.factor()
+    good = state.code == status.OK
+    values = point.alpha(), point.alpha() @ point.u, point.u
+    alpha, beta, u = (jnp.where(good, value, jnp.nan) for value in values)
+    importance = alpha
+    if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
+        importance = unbatched.solve_triangular(factor, alpha, transposed=True)
+        importance = importance / jnp.sqrt(jnp.sum(importance**2))
+    by_name = [split_by_name(layout, x) for x in (u, alpha, importance)]
+    counts = state.iterations, state.evaluations, state.failures
+    far = [jnp.where(good, x, jnp.nan) for x in (point.distance(), point.misalignment())]
+    last = quantities.values_at(point.u)
+    return (
+        *(state.code, beta, ndtr(-beta), quantities.values_at(u)),
+        *(*by_name, *counts, *far, last),
+    )
+
+
+_fields_compiled = jax.jit(_fields)

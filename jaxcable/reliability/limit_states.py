@@ -1,0 +1,58 @@
+"""What a limit state function returns: a number, a vector, or numbers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..common.types import Array, Float
+
+
+def require_limit_state(limit_state: Any) -> None:
+    """Raise ValueError unless `limit_state` is a function."""
+    if not callable(limit_state):
+        raise ValueError(
+            f"limit_state: expected a function of the values by name, got "
+            f"{type(limit_state).__name__}"
+        )
+
+
+def limit_state_vector(outcome: Any) -> Float[Array, " m"]:
+    """Return what a limit state function has returned as a vector; ValueError if that cannot be."""
+    parts = outcome.values() if isinstance(outcome, dict) else [outcome]
+    allowed = (0,) if isinstance(outcome, dict) else (0, 1)
+    for part in parts:
+        numeric = part is not None and not hasattr(part, "status") and not isinstance(part, str)
+        array = jnp.asarray(part) if numeric and not isinstance(part, dict | tuple) else None
+        sound = array is not None and jnp.issubdtype(array.dtype, jnp.floating)
+        if array is None or not sound or array.ndim not in allowed or array.size == 0:
+            got = f"{array.dtype}{list(array.shape)}" if array is not None else type(part).__name__
+            raise ValueError(
+                "limit_state: expected a scalar float, a vector [m], or a dict of scalars, got "
+                + got
+            )
+    if isinstance(outcome, dict):
+        if not outcome:
+            raise ValueError("limit_state: expected a dict of scalars, got an empty one")
+        return jnp.stack([jnp.asarray(outcome[name]) for name in sorted(outcome)])
+    return jnp.ravel(jnp.asarray(outcome))
+
+
+def limit_state_names(function: Callable[[Any], Any], values: Any) -> tuple[str, ...] | None:
+    """Return the names of the limit states of a function; None if it returns one number.
+
+    Those of a dict are its names in alphabetical order, those of a vector "0", "1" and so on.
+    """
+    outcome = jax.eval_shape(lambda values: _checked(function(values)), values)
+    if isinstance(outcome, dict):
+        return tuple(sorted(outcome))
+    return None if outcome.ndim == 0 else tuple(str(k) for k in range(outcome.shape[0]))
+
+
+def _checked(outcome):
+    """Return the outcome as arrays, if it can be a vector."""
+    limit_state_vector(outcome)
+    return jax.tree.map(jnp.asarray, outcome)
