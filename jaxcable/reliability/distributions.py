@@ -8,7 +8,7 @@ probability above or below, is computed by itself, so that both tails keep their
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +19,7 @@ from ..common.rules import Rule, are_rules_kept, positive, refuse_if_broken
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 
+_Values: TypeAlias = 'Float[ArrayLike, " ..."]'
 _TINY = 1e-8  # below it, -log(1 - t) / t = 1 + t / 2 to rounding
 
 
@@ -112,11 +113,11 @@ class Distribution:
         """Return the standard normal values u of values x; NaN outside of the distribution."""
         return self.to_normal(*self._mean_and_deviation(), jnp.asarray(x))
 
-    def from_normal(self, mean: Any, deviation: Any, u: Any) -> Any:
+    def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
         """Return the values of standard normal values `u`, for arrays of one shape."""
         raise NotImplementedError(f"{type(self).__name__}.from_normal")
 
-    def to_normal(self, mean: Any, deviation: Any, x: Any) -> Any:
+    def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
         """Return the standard normal values of values `x`, for arrays of one shape."""
         raise NotImplementedError(f"{type(self).__name__}.to_normal")
 
@@ -136,11 +137,11 @@ class Normal(Distribution):
         [0.004 0.004 0.004]
     """
 
-    def from_normal(self, mean, deviation, u):
+    def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
         """Return ``mean + deviation u``."""
         return mean + deviation * u
 
-    def to_normal(self, mean, deviation, x):
+    def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
         """Return ``(x - mean) / deviation``."""
         return (x - mean) / deviation
 
@@ -164,12 +165,12 @@ class Lognormal(Distribution):
         """Return the rule that the mean is positive."""
         return [positive("mean", self.mean)]
 
-    def from_normal(self, mean, deviation, u):
+    def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
         """Return ``exp(E[log X] + D[log X] u)``."""
         square = jnp.log1p((deviation / mean) ** 2)
         return mean * jnp.exp(jnp.sqrt(square) * u - square / 2)
 
-    def to_normal(self, mean, deviation, x):
+    def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
         """Return ``(log x - E[log X]) / D[log X]``; NaN where x is negative."""
         square = jnp.log1p((deviation / mean) ** 2)
         return (jnp.log(x / mean) + square / 2) / jnp.sqrt(square)
@@ -191,7 +192,7 @@ class Gumbel(Distribution):
         494.42 Pa
     """
 
-    def from_normal(self, mean, deviation, u):
+    def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
         """Return ``b - log(-log Phi(u)) / a``."""
         scale = deviation * math.sqrt(6) / math.pi
         low = u < 0  # each branch sees its own half only: no NaN in derivatives
@@ -204,7 +205,7 @@ class Gumbel(Distribution):
         loglog = jnp.where(low, jnp.log(-log_ndtr(lower)), upper)
         return mean - scale * (np.euler_gamma + loglog)
 
-    def to_normal(self, mean, deviation, x):
+    def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
         """Return the standard normal value of the smaller one of F and 1 - F."""
         scale = deviation * math.sqrt(6) / math.pi
         minus_log = jnp.exp(-((x - mean) / scale + np.euler_gamma))  # -log F(x)
@@ -226,12 +227,12 @@ class Uniform(Distribution):
         3.000 mm
     """
 
-    def from_normal(self, mean, deviation, u):
+    def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
         """Return the value, counted from the nearer bound."""
         half = math.sqrt(3) * deviation
         return jnp.where(u < 0, mean - half + 2 * half * ndtr(u), mean + half - 2 * half * ndtr(-u))
 
-    def to_normal(self, mean, deviation, x):
+    def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
         """Return the standard normal value, from the nearer bound; NaN outside of the bounds."""
         half = math.sqrt(3) * deviation
         low, high = (x - (mean - half)) / (2 * half), ((mean + half) - x) / (2 * half)

@@ -49,6 +49,7 @@ def test_a_proof_force_can_govern():
     """Of a bar with F_k = 0.6 F_uk; F_k / gamma_R below F_uk / 1.5."""
     assert float(cable_resistance(100e3, 60e3)) == 60e3
     assert float(cable_resistance(100e3, 70e3)) == pytest.approx(100e3 / 1.5)
+    assert float(cable_resistance(100e3, 60e3, gamma_r=0.9)) == pytest.approx(60e3 / 0.9)
 
 
 def test_fatigue_strength_has_slopes_4_and_6():
