@@ -101,6 +101,7 @@ def sampled(record, name, count, center, first):
 
 
 def main(count):
+    jc.fuse_loops()
     record = Record("reliability")
     compiled, _ = seconds(lambda: first_order(margins, QUANTITIES))
     wall, found = seconds(lambda: first_order(margins, QUANTITIES))
