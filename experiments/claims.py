@@ -348,6 +348,16 @@ MANY_CASES = read(
 """Rate of two workers over one; cases that differ; hours of a core for a million; ms a chunk in one
 process and by two workers; % of the time that simulated cores are busy, without and with files."""
 
+ENVELOPES = read(
+    "envelopes",
+    *(
+        rf"^{name} .* ([\d.]+) +([\d.]+) +([\d.]+) +[\d.]+ +[\de.-]+$"
+        for name in ("guyed mast", "footbridge", "wheel")
+    ),
+    forms=[rounded(1)] * 9,
+)
+"""Milliseconds a case of a batch, of its envelope, and of a loop over `solve`, for three scenes."""
+
 CLUSTER = read(
     "many_cases",
     r"rate of two workers over one: ([\d.]+)",
@@ -641,6 +651,12 @@ CLAIMS = [
         r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours[^|]+?"
         r"costs ([\d.]+) ms[^|]+?([\d.]+) ms through[^|]+?files (\d+) % are busy[^|]+?all, (\d+) %",
         MANY_CASES,
+    ),
+    Claim(
+        STUDIES,
+        r"a mast ([\d.]+) ms a case, ([\d.]+) for the envelope, and ([\d.]+) in a loop[^|]+?"
+        r"footbridge ([\d.]+), ([\d.]+) and\s([\d.]+); a wheel ([\d.]+), ([\d.]+) and ([\d.]+) ms",
+        ENVELOPES,
     ),
     Claim(
         "docs/how-to/clusters.md",

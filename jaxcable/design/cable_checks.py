@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
+from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..standards.cables import (
     FATIGUE_CATEGORIES,
@@ -21,7 +23,16 @@ from ..standards.cables import (
     cable_resistance,
     termination_factor,
 )
-from .check import SERVICE, ULTIMATE, UTILIZATION, OnElements, Terms, in_cases, largest_forces
+from .check import (
+    SERVICE,
+    ULTIMATE,
+    UTILIZATION,
+    OnElements,
+    Terms,
+    doubt,
+    in_cases,
+    largest_forces,
+)
 from .result_envelopes import extreme_cases
 
 _UNITS = {"F_Ed": "N", "F_Rd": "N"}
@@ -43,6 +54,17 @@ class _OnCables(OnElements):
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements have tension only, and a strength."""
         return bool(group.tension_only) and group.strength is not None
+
+    def left_out(self, structure: Structure) -> str:
+        """Return which cables are not checked because they have no strength; "" if none."""
+        if self.elements is not None:
+            return ""
+        names = [
+            repr(label)
+            for label, one in named_groups_of(structure)
+            if one.tension_only and not self.is_meant_for(one)
+        ]
+        return f"cables {', '.join(names)} {self.requirement}" if names else ""
 
     def _rated(self, structure, solution, resistance):
         """Return the terms force, resistance and utilization."""
@@ -235,12 +257,16 @@ class CableFatigue(_OnCables):
     formula = "gamma_Ff (max F_Ed - min F_Ed) / A / (range_R / gamma_Mf)"
     not_covered = "spectra of ranges, bending of the cable, vibration"
     units = _FATIGUE_UNITS
-    requirement: ClassVar[str] = "have no metallic area, or are no cables; give area=..."
+    requirement: ClassVar[str] = (
+        "have no metallic area, or are no cables; give area=catalogue.cable(name).area"
+    )
     requirement_met: ClassVar[str] = "has cables with a metallic area; give area=..."
 
     def __post_init__(self):
         super().__post_init__()
         cable_fatigue_strength(self.category, self.cycles)
+        doubt("category", self.category, 1e6, np.inf, "is the range in Pa?")
+        doubt("area", self.area, 0.0, 1.0, "is the area in m2?")
 
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements have tension only, and an area."""

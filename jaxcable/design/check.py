@@ -15,6 +15,7 @@ import numpy as np
 from ..analysis.activation import element_masks
 from ..analysis.phases import keys_as_whole_groups
 from ..analysis.solution import Solution
+from ..common import checks
 from ..common.owned import owned_copy
 from ..common.selection import Selection
 from ..common.types import Array, Float, Int, PyTree
@@ -92,6 +93,10 @@ class Check(abc.ABC):
     def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave, for reports."""
         return {}
+
+    def left_out(self, structure: Structure) -> str:
+        """Return which elements of a structure it might be made for, and is not; "" if none."""
+        return ""
 
     def over_cases(
         self, terms: dict[str, Float[Array, "n_case n_item"]]
@@ -190,6 +195,13 @@ class OnElements(Check):
 def largest_forces(check: OnElements, structure: Structure, solution: Solution) -> Array:
     """Return the largest axial force along each checked element, [n_item], N."""
     return check.taken(structure, solution.peak_tension)
+
+
+def doubt(name: str, value: Any, low: float, high: float, question: str) -> None:
+    """Warn if a known number, or one of several, is outside of what is usual in SI units."""
+    known = None if value is None or isinstance(value, str) else checks.array_if_known(value)
+    if known is not None and ((known < low) | (known > high)).any():
+        checks.warn_user(f"{name} = {text_of_input(value)}: {question}")
 
 
 def text_of_input(value: Any) -> str:

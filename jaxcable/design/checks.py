@@ -220,6 +220,14 @@ EN 1993-1-11:2006, 7.2
         solutions = jax.tree.map(lambda x: jnp.asarray(x)[None], solutions)
     count = len(solutions.status)
     if combinations is not None:
+        if not isinstance(combinations, Combinations):
+            kind = arguments.describe_type(combinations, "design.combinations(actions)")
+            raise ValueError(f"combinations: expected Combinations, got {kind}")
+        if len(combinations) != count:
+            raise ValueError(
+                f"combinations: there are {len(combinations)} of them, and {count} solutions; give "
+                "those that solve_cases had"
+            )
         if names is not None:
             raise ValueError("names: combinations have names of their own; give one of them")
         names = combinations.names
@@ -294,6 +302,9 @@ def _result_of_check(check, structure, solutions, combinations):
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):
         raise ValueError(f"{check.name}: has {len(items)} names of items for {len(used)} values")
+    left_out = check.left_out(structure)
+    if left_out:
+        arguments.warn_user(f"{check.name}: not checked: {left_out}")
     inputs = tuple((name, text_of_input(value)) for name, value in check.inputs().items())
     index = jnp.asarray(counted)
     return CheckResult(
@@ -308,7 +319,7 @@ def _result_of_check(check, structure, solutions, combinations):
         check.clause,
         check.formula,
         inputs,
-        check.not_covered,
+        "; ".join(text for text in (check.not_covered, left_out) if text),
         items,
         tuple((name, check.units.get(name, "-")) for name in found),
     )

@@ -9,6 +9,7 @@ the value is negative, and 0 elsewhere.
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -20,7 +21,7 @@ from ..common import checks
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import TENSION, Element
 from ..model.structure import Structure
-from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, Terms, largest_forces
+from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, Terms, doubt, largest_forces
 
 _DISPLACEMENTS, _TENSIONS, _REACTIONS = {"displacement": "m"}, {"tension": "N"}, {"reaction": "N"}
 
@@ -58,7 +59,7 @@ def _check_limits(name, lower, upper, text="lower, upper: missing; give at least
 
 def _unit_vector(direction, name):
     """Return a direction as a unit vector [3]; ValueError for another shape, or zero."""
-    vector = np.asarray(direction, float)
+    vector = np.zeros(0) if isinstance(direction, str) else np.asarray(direction, float)
     if vector.shape != (3,) or not np.linalg.norm(vector) > 0:
         raise ValueError(f"{name}: direction = {direction}: expected three numbers, not all zero")
     return vector / np.linalg.norm(vector)
@@ -70,7 +71,8 @@ class OwnCheck(Check):
 
     Args:
         name: of the check.
-        function: of the structure and the `Solution` of one case: values, [n_item] or one.
+        function: of the structure and the `Solution` of one case: values, [n_item] or one. JAX
+            traces it: no ``if`` on results, `jax.numpy` instead of `math`.
         lower, upper: limits; upper is positive. Default: the values are utilizations, at most 1.
         of: limit states or rules whose combinations count, see `Check`.
         unit: of the values.
@@ -107,6 +109,14 @@ class OwnCheck(Check):
         if not callable(self.function):
             kind = checks.describe_type(self.function, "lambda structure, solution: ...")
             raise ValueError(f"function: expected a function, got {kind}")
+        try:
+            inspect.signature(self.function).bind(None, None)
+        except TypeError:
+            raise ValueError(
+                f"{self.name}: function: expected two arguments, the structure and the solution"
+            ) from None
+        except ValueError:
+            pass  # a signature that Python does not know
         if self.lower is None and self.upper is None:
             object.__setattr__(self, "upper", 1.0)
         _check_limits(self.name, self.lower, self.upper)
@@ -123,7 +133,11 @@ class OwnCheck(Check):
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return the values of the function and their utilization."""
-        value = jnp.atleast_1d(jnp.asarray(self.function(structure, solution)))
+        value = self.function(structure, solution)
+        if isinstance(value, str | dict) or value is None:
+            kind = type(value).__name__
+            raise ValueError(f"{self.name}: function: expected numbers, [n_item], got {kind}")
+        value = jnp.atleast_1d(jnp.asarray(value))
         if value.ndim != 1:
             raise ValueError(f"{self.name}: function: expected [n_item], got shape {value.shape}")
         return {"value": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
@@ -164,6 +178,7 @@ class DisplacementLimit(Check):
     def __post_init__(self):
         super().__post_init__()
         _check_limits(self.name, None, self.upper)
+        doubt(f"{self.name}: upper", self.upper, 0.0, 10.0, "is the limit in m?")
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
 
@@ -292,6 +307,9 @@ class ReactionLimit(Check):
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return reactions and their utilization."""
         numbers = _node_numbers(self.nodes, structure, self.name)
+        for k in numbers:
+            if not np.asarray(solution.last.fixed[-1])[k, :3].any():
+                raise ValueError(f"{self.name}: nodes: node {k} has no support")
         value = solution.reactions[numbers] @ _unit_vector(self.direction, self.name)
         return {"reaction": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
 

@@ -15,7 +15,7 @@ from ..common import checks, status
 from ..common.types import ArrayLike, Float
 from ..elements.abilities import Bending, is_one_sided
 from ..elements.element import TENSION, Element
-from ..model.result_parts import items_per_group
+from ..model.result_parts import items_per_group, named_groups_of
 from ..model.structure import Structure
 from ..results import section_forces
 from ..standards.steel_members import (
@@ -29,7 +29,7 @@ from ..standards.steel_members import (
     steel_section,
 )
 from ..stiffness.buckling import buckling_factor
-from .check import ULTIMATE, UTILIZATION, OnElements, Terms
+from .check import ULTIMATE, UTILIZATION, OnElements, Terms, doubt
 
 _COMPONENTS = "N", "Vy", "Vz", "T", "My", "Mz"
 _UNITS = {"N": "N", "Vy": "N", "Vz": "N", "T": "N m", "My": "N m", "Mz": "N m"}
@@ -56,6 +56,7 @@ class _OnMembers(OnElements):
                 'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
+        doubt("yield_strength", self.yield_strength, 1e6, np.inf, "is it in Pa?")
         steel_section(self.profile, self.section_class)
 
     @property
@@ -68,6 +69,17 @@ class _OnMembers(OnElements):
         """Return whether the elements can be compressed and have an axial force."""
         has_axial_force = any(one.name == TENSION.name for one in group.results)
         return has_axial_force and not is_one_sided(group)
+
+    def chosen(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
+        """Return groups and elements as other checks; ValueError if several may be meant."""
+        found = super().chosen(structure)
+        if self.elements is None and len(found) > 1:
+            labels = [named_groups_of(structure)[k][0] for k, _ in found]
+            raise ValueError(
+                f"{self.name}: elements: missing; say which of {', '.join(map(repr, labels))} have "
+                "this profile"
+            )
+        return found
 
     def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
@@ -213,10 +225,18 @@ class MemberBuckling(_OnMembers):
         if (self.lengths is None) == (self.factors is None):
             raise ValueError("lengths, factors: give one of them, buckling lengths or factors")
         if self.lengths is not None:
-            lengths = np.broadcast_to(np.asarray(self.lengths, float), (2,))
+            lengths = np.asarray(checks.as_floats(self.lengths, "lengths"))
+            if lengths.shape not in ((), (2,)):
+                raise ValueError(
+                    f"lengths = {self.lengths}: expected one number, or two, about y and z; other "
+                    "members get a check of their own, by elements"
+                )
+            lengths = np.broadcast_to(lengths, (2,))
+            doubt("lengths", lengths, 0.0, 1e3, "are they in m?")
             if not (lengths > 0).all():
                 raise ValueError(f"lengths = {self.lengths}: expected positive lengths, m")
             object.__setattr__(self, "lengths", tuple(lengths.tolist()))
+        doubt("youngs_modulus", self.youngs_modulus, 1e9, np.inf, "is it in Pa?")
         if self.reference is not None and self.factors is None:
             raise ValueError("reference: belongs to factors, which are missing")
 

@@ -356,3 +356,26 @@ def test_checks_own_what_they_are_given():
     check = design.ReactionLimit(nodes, upper=1.0)
     nodes[0] = 2
     assert check.items(stayed()) == ["node 0", "node 3"]
+
+
+def test_what_a_check_leaves_out_is_said(cases):
+    """Cables without a strength are named; a profile is not taken for several groups."""
+    ropes = {
+        "strong": jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3),
+        "unknown": jc.Cables([[0, 2]], axial_stiffness=1e7),
+    }
+    structure = jc.Structure([[0.0, 0, 0], [0, 0, -2], [1.0, 0, -2]], ropes, jc.pinned([0]))
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1, 2], (0.0, 0.0, -9e3))))
+    assert int(solution.status) == 0
+    with pytest.warns(jc.InputWarning, match="not checked: cables 'unknown' have no strength"):
+        found = design.checks(structure, solution)
+    assert "'unknown'" in found["cable resistance"].not_covered
+    with pytest.raises(ValueError, match="elements: missing; say which of 'beams', 'post'"):
+        members = {
+            "beams": jc.Beams([[0, 1]], TUBE.section(jc.Elastic(210e9))),
+            "post": jc.Bars([[1, 2]], axial_stiffness=1e9),
+        }
+        nodes = [[0.0, 0, 0], [2.0, 0, 0], [2.0, 0, -3.0]]
+        frame = jc.Structure(nodes, members, jc.clamped([0]) + jc.pinned([2]))
+        section = design.MemberSection(profile=TUBE, yield_strength=STEEL)
+        section.chosen(frame)

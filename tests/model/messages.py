@@ -689,6 +689,17 @@ design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
 design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
     # profile: L 100x10 is an angle
 design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
+design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=[1.0, 2.0, 3.0])
+    # lengths = [1.0, 2.0, 3.0]: expected one number, or two
+design.DisplacementLimit(0.1, direction="z")  # displacement: direction = z: expected three numbers
+design.OwnCheck("own", lambda solution: 0.0)  # own: function: expected two arguments
+design.checks(HUNG, solution(), design.OwnCheck("own", lambda s, x: "a"))
+    # own: function: expected numbers, [n_item], got str
+design.checks(HUNG, solution(), combinations=["a"])  # combinations: expected Combinations, got list
+design.checks(HUNG, solution(), combinations=design.combinations([SNOW]))
+    # combinations: there are 7 of them, and 1 solutions
+design.checks(HUNG, solution(), design.ReactionLimit([1], upper=1.0))
+    # reaction: nodes: node 1 has no support
 design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=0.0)
     # lengths = 0.0: expected positive lengths
 design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=1.0, curves="e")
@@ -808,6 +819,12 @@ analyse(Phase(pretension=0.01), PUSHED, structure=net(elements=cables(axial_stif
     # phases[1].loads: 1 N on node 1
 stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
+design.CableFatigue(area=479.0)  # area = 479: is the area in m2?
+design.CableFatigue(category=150.0)  # category = 150: is the range in Pa?
+design.MemberSection(profile=TUBE, yield_strength=355.0)  # yield_strength = 355: is it in Pa?
+design.MemberBuckling(profile=TUBE, yield_strength=355e6, lengths=8000.0)
+    # lengths = 8000: are they in m?
+design.DisplacementLimit(53.0)  # displacement: upper = 53: is the limit in m?
 jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
 stated(HANGING, end_tension=2.0)

@@ -78,6 +78,16 @@ def test_imports_go_downward():
     assert upward == [] and sum(map(len, GRAPH.values())) > 1000
 
 
+def test_no_text_has_marks_of_a_merge():
+    """What is left of a conflict is no line of a file."""
+    marks = re.compile(r"^(<{7} |>{7} )", re.M)
+    texts = [path for kind in ("md", "py", "toml", "yml") for path in ROOT.glob(f"*/**/*.{kind}")]
+    texts = [path for path in [*ROOT.glob("*.*"), *texts] if path.suffix in (".md", ".py", ".toml")]
+    texts = [path for path in texts if not {"build", ".venv"} & set(path.parts)]
+    assert [str(p) for p in texts if marks.search(p.read_text("utf-8"))] == [] and len(texts) > 400
+    assert marks.search("one\n<<<<<<< HEAD\n")
+
+
 def test_no_module_imports_itself_by_way_of_others():
     """One way inside of rooms, too: the modules can be put in an order."""
     graph = {dotted(path): others for path, others in GRAPH.items()}
