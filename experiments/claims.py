@@ -358,6 +358,20 @@ ENVELOPES = read(
 )
 """Milliseconds a case of a batch, of its envelope, and of a loop over `solve`, for three scenes."""
 
+RELIABILITY = read(
+    "reliability",
+    r"^either: [\d.e-]+ to ([\d.]+)e-04",
+    r"^First order: ([\d.]+) s",
+    r"^crude +1000000 +([\d.]+)e-04",
+    r"^crude +1000000 +\S+ +([\d.]+)e-05",
+    r"^crude .* ([\d.]+) +[\d.-]+$",
+    r"^around design points +\d+ +([\d.]+)e-04",
+    r"^around design points .* ([\d.]+) +[\d.-]+$",
+    forms=(rounded(2), rounded(1), rounded(2), str, rounded(0), rounded(2), rounded(0)),
+)
+"""Probability of first order, 1e-4, and its seconds; that of a million samples, its standard error,
+1e-5, and seconds; that around the design points, and seconds."""
+
 CLUSTER = read(
     "many_cases",
     r"rate of two workers over one: ([\d.]+)",
@@ -657,6 +671,12 @@ CLAIMS = [
         r"a mast ([\d.]+) ms a case, ([\d.]+) for the envelope, and ([\d.]+) in a loop[^|]+?"
         r"footbridge ([\d.]+), ([\d.]+) and\s([\d.]+); a wheel ([\d.]+), ([\d.]+) and ([\d.]+) ms",
         ENVELOPES,
+    ),
+    Claim(
+        STUDIES,
+        r"first order ([\d.]+)e-4 in ([\d.]+) s[^|]+?analyses ([\d.]+)e-4 with a standard error of "
+        r"([\d.]+)e-5, in ([\d.]+) s[^|]+?points ([\d.]+)e-4 in ([\d.]+) s",
+        RELIABILITY,
     ),
     Claim(
         "docs/how-to/clusters.md",
