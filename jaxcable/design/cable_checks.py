@@ -35,8 +35,8 @@ from .check import (
 )
 from .result_envelopes import extreme_cases
 
-_UNITS = {"F_Ed": "N", "F_Rd": "N"}
-_FATIGUE_UNITS = {"range": "Pa", "range_Rd": "Pa", "highest F": "N", "lowest F": "N"}
+_UNITS = {"F_Ed": "N", "F_uk": "N", "F_Rd": "N"}
+_FATIGUE_UNITS = {"lowest F": "N", "highest F": "N", "A": "m2", "range": "Pa", "range_Rd": "Pa"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +66,15 @@ class _OnCables(OnElements):
         ]
         return f"cables {', '.join(names)} {self.requirement}" if names else ""
 
-    def _rated(self, structure, solution, resistance):
-        """Return the terms force, resistance and utilization."""
+    def _rated(self, structure, solution, resistance, factor):
+        """Return the terms force, breaking force with its loss factor, resistance, utilization."""
         force = largest_forces(self, structure, solution)
-        return {"F_Ed": force, "F_Rd": resistance, UTILIZATION: force / resistance}
+        return {
+            "F_Ed": force,
+            "F_uk": factor * self.strengths(structure) + 0.0 * force,
+            "F_Rd": resistance + 0.0 * force,  # NaN, too, where the case has failed
+            UTILIZATION: force / resistance,
+        }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +106,7 @@ class CableResistance(_OnCables):
     proof_force: Float[ArrayLike, ""] | None = None
 
     clause = "EN 1993-1-11:2006, 6.2"
-    formula = "F_Ed / F_Rd, F_Rd = min(k_e F_min / (1.5 gamma_R), F_k / gamma_R)"
+    formula = "F_Ed / F_Rd, F_Rd = min(F_uk / (1.5 gamma_R), F_k / gamma_R), F_uk = k_e F_min"
     not_covered = "saddles, clamps, terminations themselves, bending at anchorages"
 
     def __post_init__(self):
@@ -110,8 +115,8 @@ class CableResistance(_OnCables):
 
     def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
-        proof = {} if self.proof_force is None else {"F_k (N)": self.proof_force}
-        return {"k_e": _factor(self.termination), "gamma_R": self.gamma_r, **proof}
+        proof = "not checked" if self.proof_force is None else self.proof_force
+        return {"k_e": _factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, resistance and utilization of each cable."""
@@ -121,7 +126,7 @@ class CableResistance(_OnCables):
             termination=self.termination,
             gamma_r=self.gamma_r,
         )
-        return self._rated(structure, solution, resistance)
+        return self._rated(structure, solution, resistance, termination_factor(self.termination))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +155,7 @@ class CableService(_OnCables):
     termination: str | Float[ArrayLike, ""] = 1.0
 
     clause = "EN 1993-1-11:2006, 7.2"
-    formula = "F_Ed / (fraction k_e F_min)"
+    formula = "F_Ed / F_Rd, F_Rd = fraction F_uk, F_uk = k_e F_min"
     not_covered = "slip of clamps, deformations"
 
     def __post_init__(self):
@@ -170,8 +175,9 @@ class CableService(_OnCables):
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, limit and utilization of each cable."""
-        limit = self._number() * termination_factor(self.termination) * self.strengths(structure)
-        return self._rated(structure, solution, limit)
+        factor = termination_factor(self.termination)
+        limit = self._number() * factor * self.strengths(structure)
+        return self._rated(structure, solution, limit, factor)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,7 +205,7 @@ class CableSafety(_OnCables):
     termination: str | Float[ArrayLike, ""] = 1.0
 
     clause = "ASCE 19, factor of safety on the minimum breaking strength"
-    formula = "factor F_Ed / (k_e F_min)"
+    formula = "F_Ed / F_Rd, F_Rd = F_uk / factor, F_uk = k_e F_min"
     not_covered = "fittings themselves, fatigue, bending over saddles"
 
     def __post_init__(self):
@@ -212,8 +218,9 @@ class CableSafety(_OnCables):
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, resistance and utilization of each cable."""
-        resistance = termination_factor(self.termination) * self.strengths(structure)
-        return self._rated(structure, solution, resistance / jnp.asarray(self.factor))
+        factor = termination_factor(self.termination)
+        resistance = factor * self.strengths(structure) / jnp.asarray(self.factor)
+        return self._rated(structure, solution, resistance, factor)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -253,7 +260,7 @@ class CableFatigue(_OnCables):
     gamma_ff: Float[ArrayLike, ""] = 1.0
     area: Float[ArrayLike, ""] | None = None
 
-    clause = "EN 1993-1-11:2006, 9.2"
+    clause = "EN 1993-1-11:2006, 9.2, table 9.1; EN 1993-1-9, table 3.1 for gamma_Mf"
     formula = "gamma_Ff (max F_Ed - min F_Ed) / A / (range_R / gamma_Mf)"
     not_covered = "spectra of ranges, bending of the cable, vibration"
     units = _FATIGUE_UNITS
@@ -275,8 +282,10 @@ class CableFatigue(_OnCables):
     def inputs(self) -> dict[str, Any]:
         """Return the numbers that the user gave."""
         name = self.category
+        if isinstance(name, str):
+            name = f"{FATIGUE_CATEGORIES[name]:g} ({name})"
         return {
-            "range at 2e6 cycles (Pa)": FATIGUE_CATEGORIES[name] if isinstance(name, str) else name,
+            "range at 2e6 cycles (Pa)": name,
             "cycles": self.cycles,
             "gamma_Mf": self.gamma_mf,
             "gamma_Ff": self.gamma_ff,
@@ -301,10 +310,12 @@ class CableFatigue(_OnCables):
         low_case, high_case = (extreme_cases(force, sign) for sign in (-1, 1))
         low, high = in_cases(force, low_case), in_cases(force, high_case)
         resistance = cable_fatigue_strength(self.category, self.cycles) / self.gamma_mf
-        stress = self.gamma_ff * (high - low) / in_cases(terms["area"], high_case)
+        area = in_cases(terms["area"], high_case)
+        stress = self.gamma_ff * (high - low) / area
         found = {
             "lowest F": low,
             "highest F": high,
+            "A": area,
             "range": stress,
             "range_Rd": jnp.broadcast_to(resistance, stress.shape),
             UTILIZATION: stress / resistance,

@@ -188,7 +188,7 @@ class DisplacementLimit(Check):
     def inputs(self) -> dict[str, Any]:
         """Return the limit and the direction."""
         along = {} if self.direction is None else {"direction": str(list(self.direction))}
-        since = {} if self.since is None else {"since": "a state that was given"}
+        since = {} if self.since is None else {"counted from": "the state that was given"}
         return {"limit (m)": self.upper, **along, **since}
 
     def items(self, structure: Structure) -> list[str]:

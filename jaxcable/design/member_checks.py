@@ -43,7 +43,7 @@ class _OnMembers(OnElements):
     profile: ProfileNumbers | Mapping[str, Float[ArrayLike, ""]] | SteelSection | None = None
     yield_strength: Float[ArrayLike, ""] | None = None
     section_class: int = 3
-    places: int = 11
+    places: int = 21
 
     requirement: ClassVar[str] = "are neither beams nor bars"
     requirement_met: ClassVar[str] = "has beams or bars"
@@ -84,12 +84,14 @@ class _OnMembers(OnElements):
     def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
         s = self.section
+        kind = "" if isinstance(self.profile, SteelSection | Mapping) else "el,"
+        kind = "pl," if kind and self.section_class < 3 else kind
         return {
             "section": s.label,
             "f_y (Pa)": self.yield_strength,
             "A (m2)": s.A,
-            "Wy (m3)": s.Wy,
-            "Wz (m3)": s.Wz,
+            f"W{kind}y (m3)": s.Wy,
+            f"W{kind}z (m3)": s.Wz,
         }
 
     def _forces(self, structure, solution):
@@ -209,8 +211,10 @@ class MemberBuckling(_OnMembers):
     gamma_m1: Float[ArrayLike, ""] = 1.0
     youngs_modulus: Float[ArrayLike, ""] = 210e9
 
-    clause = "EN 1993-1-1:2005, 6.3.1, with moments of second order"
-    formula = "-N/(chi A f_y/gamma_M1) + My/(chi_LT Wy f_y/gamma_M1) + Mz/(Wz f_y/gamma_M1)"
+    clause = "EN 1993-1-1:2005, 6.3.1, 6.3.3 with k = 1 on moments of second order"
+    formula = "-N/N_b,Rd + My/(chi_LT Wy f_y/gamma_M1) + Mz/(Wz f_y/gamma_M1), " + (
+        "N_b,Rd = min(chi_y, chi_z) A f_y/gamma_M1"
+    )
     units = _BUCKLING_UNITS
     not_covered = "torsional buckling, lateral torsional buckling beyond chi_LT, class 4"
 
@@ -251,7 +255,7 @@ class MemberBuckling(_OnMembers):
         return {**super().inputs(), **how, "gamma_M1": self.gamma_m1}
 
     def _reduction(self, structure, pressed):
-        """Return chi, the smaller of those about y and z, for compressions [n_item], N."""
+        """Return chi about y and about z, [n_item] each, for compressions [n_item], N."""
         s, strength = self.section, jnp.asarray(self.yield_strength)
         if self.lengths is None:
             reference = jnp.zeros_like(pressed)
@@ -267,14 +271,14 @@ class MemberBuckling(_OnMembers):
             buckling_reduction(jnp.sqrt(s.A * strength / force), curve)
             for force, curve in zip(critical, self.curves, strict=True)
         ]
-        return jnp.broadcast_to(jnp.minimum(*about), pressed.shape)
+        return [jnp.broadcast_to(chi, pressed.shape) for chi in about]
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return axial force, its resistance, the largest moments, and the utilization."""
         forces = self._forces(structure, solution)
         smallest = forces[..., 0].min(axis=1)
         pressed = jnp.maximum(-smallest, 0.0)
-        chi = self._reduction(structure, pressed)
+        chi_y, chi_z = self._reduction(structure, pressed)
         s = self.section
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
         My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))
@@ -283,10 +287,11 @@ class MemberBuckling(_OnMembers):
             bending = combined_bending(about_y, about_z, s).max(axis=1)
         else:  # the largest of each, wherever they are (6.3.3)
             bending = about_y.max(axis=1) + about_z.max(axis=1)
-        resistance = chi * s.A * strength
+        resistance = jnp.minimum(chi_y, chi_z) * s.A * strength
         return {
             "N": smallest,
-            "chi": chi,
+            "chi_y": chi_y,
+            "chi_z": chi_z,
             "N_b,Rd": resistance,
             "My": My.max(axis=1),
             "Mz": Mz.max(axis=1),

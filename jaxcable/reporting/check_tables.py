@@ -42,6 +42,9 @@ def check_sentences(checks: Checks) -> list[str]:
         lines.append(f"NOT CHECKED, because the analysis failed: {', '.join(checks.failed)}")
     if not lines:
         lines.append(f"all {count} checks passed, largest utilization {float(checks.largest):.3f}")
+    left_out = dict.fromkeys(one.not_covered for one in checks.results if one.not_covered)
+    if left_out:
+        lines.append(f"NOT covered by these checks: {'; '.join(left_out)}; and what has no check")
     return lines
 
 

@@ -29,7 +29,8 @@ def combination_table(
     """
     names = combinations.names
     cells = itertools.chain.from_iterable(row for table in tables for row in table.rows)
-    count = collections.Counter(cell for cell in cells if isinstance(cell, str))
+    words = (cell.split(" to ") for cell in cells if isinstance(cell, str))  # a range names two
+    count = collections.Counter(itertools.chain.from_iterable(words))
     columns = [
         Column("combination", "", list(names)),
         Column("limit state", "", list(combinations.limit_states)),
@@ -39,7 +40,7 @@ def combination_table(
         Column("clause", "", list(combinations.clauses), detail=True),
     ]
     clauses = dict.fromkeys(zip(combinations.rules, combinations.clauses, strict=True))
-    notes = ["times named: in how many rows of the other tables"]
+    notes = ["times named: in how many rows of tables that name the combinations that govern"]
     notes += [f"{rule}: {clause}" for rule, clause in clauses if clause]
     return make_table("Combinations of actions", columns, notes)
 
@@ -90,7 +91,7 @@ def combination_sentences(
     states = list(dict.fromkeys(combinations.limit_states))
     if len(states) > 1:
         lines.append(
-            f"CHECK: envelopes are over all limit states ({', '.join(states)}); a report of "
-            "combinations.of_limit_state(...) has those of one"
+            f"CHECK: envelopes are over all limit states together ({', '.join(states)}); checks "
+            "count those of their own"
         )
     return lines

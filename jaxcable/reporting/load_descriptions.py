@@ -20,7 +20,9 @@ def describe_action(action: Action, units: Units | None) -> str:
         values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
         if values:
             unit = STATEMENTS[name].unit
-            parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}")
+            where = getattr(action, name)
+            where = f" on {', '.join(map(str, where))}" if isinstance(where, dict) else ""
+            parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}{where}")
     lost = sum(int(np.sum(x)) for x in jax.tree.leaves(action.removes))
     if lost:
         parts.append(f"{lost} {'element' if lost == 1 else 'elements'} lost")
@@ -31,7 +33,7 @@ def describe_load(load: Load, units: Units | None) -> str:
     """Return a load in words, with its values, in `units` or SI, where these are one vector."""
     if isinstance(load, SelfWeight | LineLoads):
         where = "" if load.on is None else f" on {load.on}"
-        where += "" if load.elements is None else " (some elements)"
+        where += "" if load.elements is None else f" ({_elements_text(load.elements.elements)})"
     if isinstance(load, SelfWeight):
         direction = np.asarray(load.direction, float)
         plain = np.array_equal(direction, [0.0, 0.0, -1.0])
@@ -41,6 +43,13 @@ def describe_load(load: Load, units: Units | None) -> str:
         size = range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
         return f"line load {size}{where} (per {load.per} length)"
     return load.describe(units or SI)
+
+
+def _elements_text(elements):
+    """Return the numbers of elements as text; their count, of many."""
+    numbers = [str(k) for k in np.asarray(elements)]
+    one = "element" if len(numbers) == 1 else "elements"
+    return f"{len(numbers)} {one}" if len(numbers) > 8 else f"{one} {', '.join(numbers)}"
 
 
 def range_with_unit(

@@ -168,17 +168,18 @@ def report(
         begin = phase_index(since, labels)
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
-    if combinations is not None:
-        unstable = [name for name, case in good.items() if not bool(case.stable)]
-        summary += combination_sentences(combinations, failed, unstable)
-        table = combination_table(combinations, failed, unstable, tables.values())
-        tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
     if checks is not None:
         if not isinstance(checks, Checks):
             kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
             raise ValueError(f"checks: expected Checks, got {kind}")
         summary += check_sentences(checks)
         tables = {**check_tables(checks), **tables}
+    if combinations is not None:
+        unstable = [name for name, case in good.items() if not bool(case.stable)]
+        summary += combination_sentences(combinations, failed, unstable)
+        named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
+        table = combination_table(combinations, failed, unstable, named)
+        tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),
@@ -194,6 +195,10 @@ def report(
             units=shown,
         )
     return _finish_report(solution, summary, tables, None if units is None else shown)
+
+
+_OF_EACH_CASE = ("displacements", "displacements_since", "rotations")
+"""Tables that have rows of every case, whether it governs or not."""
 
 
 def _names_of_combinations(combinations, cases, names):

@@ -41,18 +41,19 @@ def test_the_overview_is_sorted_and_says_what_has_passed(written):
     np.testing.assert_allclose(first[1], 101 / (200 / 1.5), rtol=1e-9)
     assert first[4] == "passed" and second[1] <= first[1]
     assert any("all 2 checks passed" in line for line in report.summary)
+    assert any("NOT covered by these checks: saddles" in line for line in report.summary)
 
 
 def test_items_have_their_terms_in_the_units_of_the_report(written):
     """Forces in kN, utilizations as in the result, the most utilized first; input in the notes."""
     found, report = written
     table = report.tables["check_cable_resistance"]
-    assert table.columns == ("item", "F_Ed", "F_Rd", "utilization", "in")
-    assert table.units[1:3] == ("kN", "kN")
+    assert table.columns == ("item", "F_Ed", "F_uk", "F_Rd", "utilization", "in")
+    assert table.units[1:4] == ("kN", "kN", "kN")
     rows = {row[0]: row for row in table.rows}
-    np.testing.assert_allclose(rows["rope 0"][2], 200.0)
-    np.testing.assert_allclose(rows["rope 0"][3], found["cable resistance"].utilization[0])
-    used = [row[3] for row in table.rows]
+    np.testing.assert_allclose(rows["rope 0"][2:4], [300.0, 200.0])
+    np.testing.assert_allclose(rows["rope 0"][4], found["cable resistance"].utilization[0])
+    used = [row[4] for row in table.rows]
     assert used == sorted(used, reverse=True)
     notes = " ".join(table.notes)
     for text in ("k_e = 1", "gamma_R = 1", "EN 1993-1-11:2006, 6.2", "not covered"):
