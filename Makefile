@@ -20,8 +20,8 @@ test: $(VENV)/installed-test
 
 test-all: test test-more
 
-# the second part once more where XLA fuses loops (jaxcable.fuse_loops); with TEST_PART=1/16 only a
-# sixteenth of the slow tests
+# the second part once more where XLA fuses loops (jaxcable.fuse_loops); with TEST_PART=1/32 only a
+# thirty-second of the slow tests
 MORE := slow
 FUSED := fused transforms net_bank batches gradients_two_phases failures stages
 test-more: $(VENV)/installed-test
