@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..common import checks
+from ..common.tree import index_field
 from ..elements.abilities import Secant
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -132,9 +133,7 @@ def _require_known_nodes(given, structure):
     Loads of the package have checked theirs; one that somebody has written may not do so.
     """
     load: Any = given.load if isinstance(given, Varying) else given
-    kind, found = type(load).__name__, []
-    if "nodes" in getattr(load, "_index_fields", ()):
-        found.append(getattr(load, "nodes", None))
+    kind, found = type(load).__name__, [index_field(load, "nodes")]
     if isinstance(load, OnNodes) and (listed := load.forces_at_nodes()) is not None:
         found.append(listed[0])
     for nodes in found:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib
 import re
 import sys
@@ -12,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from .. import linear
-from ..files.reading import number, parse_integer
+from ..files.reading import number
 from ..scenes import usual
 from . import (
     convert,
@@ -29,6 +28,7 @@ from . import (
     warm,
 )
 from .guard import BadInput, run_guarded
+from .option_values import parse_positive, whole_number_up_to
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
@@ -150,18 +150,18 @@ def _add_input_files(command, scene=True):
             "meters per unit of an OBJ file (default 1) or DXF file (default: the unit in the "
             "file); for a drawing made of a scene: meters per unit of the drawing (default 1)"
         )
-        command.add_argument("--scale", type=_parse_positive, metavar="S", help=text)
+        command.add_argument("--scale", type=parse_positive, metavar="S", help=text)
         text = (
             "units of the numbers in a file that states none, and of the forces and lengths in "
             'these options, such as "kN, m" or "kip, ft, F" (default: SI); written scenes have them'
         )
         command.add_argument("--units", metavar="UNITS", help=text)
         text = "DXF and OBJ: points closer than this become one node, m (default 1e-6)"
-        command.add_argument("--tol", "--tolerance", type=_parse_positive, metavar="D", help=text)
+        command.add_argument("--tol", "--tolerance", type=parse_positive, metavar="D", help=text)
         text = 'DXF: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
         text = "DXF: maximum chord error when arcs become straight pieces, m"
-        command.add_argument("--sagitta", type=_parse_positive, metavar="D", help=text)
+        command.add_argument("--sagitta", type=parse_positive, metavar="D", help=text)
         text = "DXF: also read layers that are off or frozen, and invisible entities"
         _add_flag(command, "--hidden", text)
         text = (
@@ -173,7 +173,7 @@ def _add_input_files(command, scene=True):
         text = "add nodes where links of these groups (default: all) cross in plan or touch"
         command.add_argument("--split", nargs="*", metavar="GROUP", help=text)
     text = "refuse files larger than this, MB (default 64)"
-    command.add_argument("--largest", type=_parse_positive, default=64.0, metavar="MB", help=text)
+    command.add_argument("--largest", type=parse_positive, default=64.0, metavar="MB", help=text)
 
 
 def _add_new(commands):
@@ -222,12 +222,12 @@ def _add_solve(commands):
     text = "only these rules or limit states, such as serviceability (default: all)"
     command.add_argument("--which", nargs="+", metavar="NAME", help=text)
     text = "equal steps in which each combination is applied (default 1)"
-    whole = _whole_number_up_to(1000)
+    whole = whole_number_up_to(1000)
     command.add_argument("--case-increments", type=whole, metavar="N", help=text)
     text = "largest residual over nodal force at convergence (default 1e-10; 1e-5 in float32)"
-    command.add_argument("--tol", type=_parse_positive, help=text)
+    command.add_argument("--tol", type=parse_positive, help=text)
     text = "incremental method with N corrections per increment, without full iteration (research)"
-    command.add_argument("--corrections", type=_whole_number_up_to(20), metavar="N", help=text)
+    command.add_argument("--corrections", type=whole_number_up_to(20), metavar="N", help=text)
     text = "solver of linear equations (default: by size)"
     command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
 
@@ -248,7 +248,7 @@ def _add_plot(commands):
     command.add_argument("--view", choices=("plan", "elevation", "space"), help=text)
     _add_flag(command, "--sequence", "draw the end of every phase, side by side")
     text = "scale factor of displacements (default 1), not for diagrams"
-    command.add_argument("--magnify", type=_parse_positive, metavar="X", help=text)
+    command.add_argument("--magnify", type=parse_positive, metavar="X", help=text)
     _add_flag(command, "--reactions", "also draw the support reactions")
 
 
@@ -304,12 +304,12 @@ def _add_optimize(commands):
         "smallest pretension with which no node moves more than this in the last phase, m or in "
         "the units of the scene"
     )
-    command.add_argument("--deflection", type=_parse_positive, metavar="D", help=text)
+    command.add_argument("--deflection", type=parse_positive, metavar="D", help=text)
     text = (
         "smallest pretension with which no final tension is lower than this, N or in the units of "
         "the scene"
     )
-    command.add_argument("--lowest", type=_parse_positive, metavar="T", help=text)
+    command.add_argument("--lowest", type=parse_positive, metavar="T", help=text)
     text = (
         "smallest and largest pretension allowed, N or in the units of the scene (default: 0 and "
         "no limit)"
@@ -323,7 +323,7 @@ def _add_optimize(commands):
     command.add_argument("--one", dest="same_in_group", action="store_true", help=argparse.SUPPRESS)
     text = "maximum number of steps of the search (default 100)"
     command.add_argument(
-        "--steps", type=_whole_number_up_to(100_000), default=100, metavar="N", help=text
+        "--steps", type=whole_number_up_to(100_000), default=100, metavar="N", help=text
     )
     _add_save_option(command, "scene to write (.json), if the search converges within the limits")
     text = "write the best scene found even if the search does not converge (exit status 1)"
@@ -353,7 +353,7 @@ def _add_warm(commands):
     _add_flag(command, "--gradients", text)
     _add_flag(command, "--background", "go on in another process, and return at once")
     text = "refuse scenes larger than this, MB (default 64)"
-    command.add_argument("--largest", type=_parse_positive, default=64.0, metavar="MB", help=text)
+    command.add_argument("--largest", type=parse_positive, default=64.0, metavar="MB", help=text)
 
 
 def _add_convert(commands):
@@ -383,26 +383,3 @@ def _add_schema(commands):
     """Add the command ``schema`` and its options."""
     command = _add_command(commands, schema, "--save scene.schema.json")
     _add_save_option(command, "file to write instead of the screen (.json)")
-
-
-def _parse_positive(word):
-    """Return a word as a positive number; raise argparse's error for any other."""
-    return _parse_within(word, number, lambda v: 0 < v < float("inf"), "a positive number")
-
-
-def _parse_within(word, parse, is_allowed, expected):
-    """Parse a word; raise argparse's error, with what is expected, if the value is not allowed."""
-    with contextlib.suppress(ValueError):
-        if is_allowed(value := parse(word)):
-            return value
-    raise argparse.ArgumentTypeError(f"{word}: expected {expected}")
-
-
-def _whole_number_up_to(most):
-    """Return a function that parses a whole number from 0 to `most`."""
-
-    def whole_number(word):
-        expected = f"a whole number from 0 to {most}"
-        return _parse_within(word, parse_integer, lambda v: 0 <= v <= most, expected)
-
-    return whole_number

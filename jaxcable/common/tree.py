@@ -220,6 +220,11 @@ def replace(obj: _T, **changes: Any) -> _T:
     return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy_with`
 
 
+def index_field(obj: Any, name: str) -> Indices | None:
+    """Return the indices in a field of an object; None if it has none of this name."""
+    return vars(obj).get(name) if name in getattr(type(obj), "_index_fields", ()) else None
+
+
 def _has_index_fields(obj):
     """Tell whether an object is of a `pytree` class that has fields with `Indices`."""
     return bool(getattr(type(obj), "_index_fields", ()))

@@ -12,7 +12,7 @@ from ..analysis.solution import Solution
 from ..common import checks as arguments
 from ..common import status
 from ..common.tree import pytree
-from ..common.types import Array, Float, Int
+from ..common.types import Array, Bool, Float, Int
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from .cable_checks import CableResistance, CableSafety, CableService
@@ -81,6 +81,7 @@ class Checks:
     Attributes:
         results: list of `CheckResult`, in the order of the checks.
         status: status codes of the cases, [n_case].
+        stable: whether the cases end in a stable equilibrium, [n_case].
         names: of the cases.
 
     Example:
@@ -99,6 +100,7 @@ breaking strength
 
     results: list[CheckResult]
     status: Int[Array, " n_case"]
+    stable: Bool[Array, " n_case"]
     names: tuple[str, ...]
 
     def __getitem__(self, name: str) -> CheckResult:
@@ -126,12 +128,16 @@ breaking strength
         return {name: code for name, code in codes if code != status.OK}
 
     @property
+    def unstable(self) -> list[str]:
+        """Names of the cases that end in an unstable equilibrium, in which nothing stays."""
+        sound = (np.asarray(self.status) != status.OK) | np.asarray(self.stable)
+        return [name for name, is_sound in zip(self.names, sound, strict=True) if not is_sound]
+
+    @property
     def passed(self) -> bool:
-        """Whether all utilizations are at most 1, and no case that counts has failed."""
-        sound = all(
-            (np.asarray(self.status)[np.asarray(one.counted)] == status.OK).all()
-            for one in self.results
-        )
+        """Whether all utilizations are at most 1, and all cases that count are OK and stable."""
+        good = (np.asarray(self.status) == status.OK) & np.asarray(self.stable)
+        sound = all(good[np.asarray(one.counted)].all() for one in self.results)
         return sound and bool(np.asarray(self.largest) <= 1.0)
 
     def governing(self, name: str) -> list[str]:
@@ -166,6 +172,8 @@ breaking strength
             )
         if self.failed:
             lines.append(f"NOT CHECKED, the analysis has failed: {', '.join(self.failed)}")
+        if self.unstable:
+            lines.append(f"UNSTABLE at the end: {', '.join(self.unstable)}")
         return "\n".join(lines)
 
 
@@ -238,7 +246,7 @@ EN 1993-1-11:2006, 7.2
         _result_of_check(one, structure, solutions, combinations)
         for one in _list_of_checks(rules, combinations)
     ]
-    return Checks(results, solutions.status, names)
+    return Checks(results, solutions.status, solutions.stable, names)
 
 
 def _list_of_checks(rules, combinations):

@@ -182,7 +182,8 @@ class DisplacementLimit(Check):
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
 
-    def _numbers(self, structure):
+    def _node_numbers(self, structure):
+        """Return the numbers of the checked nodes, [n_item]."""
         return _node_numbers(self.nodes, structure, self.name)
 
     def inputs(self) -> dict[str, Any]:
@@ -193,14 +194,14 @@ class DisplacementLimit(Check):
 
     def items(self, structure: Structure) -> list[str]:
         """Return the names of the nodes."""
-        return [f"node {k}" for k in self._numbers(structure)]
+        return [f"node {k}" for k in self._node_numbers(structure)]
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return displacements and their utilization."""
         moved = solution.displacement
         if self.since is not None:
             moved = moved - self.since.displacement
-        moved = moved[self._numbers(structure)]
+        moved = moved[self._node_numbers(structure)]
         if self.direction is None:
             square = jnp.sum(moved**2, axis=-1)
             # a node at rest has no direction, and no derivative

@@ -159,7 +159,8 @@ class Envelope:
 
 
 @overload
-def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope: ...
+def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
+    """Find the extremes of any values over load cases."""
 
 
 @overload
@@ -170,7 +171,8 @@ def envelope(
     *,
     also: Mapping[str, Callable[[Solution], PyTree[Array]]] | None = None,
     places: int = 11,
-) -> ResultEnvelope: ...
+) -> ResultEnvelope:
+    """Find the extremes of all results over load cases."""
 
 
 def envelope(

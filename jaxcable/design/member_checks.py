@@ -262,7 +262,8 @@ class MemberBuckling(_OnMembers):
             if self.reference is not None:
                 reference = -self.taken(structure, self.reference.peak_tension)
             critical = reference + self.factors * (pressed - reference)
-            critical = [jnp.where(critical > 0, critical, jnp.inf)] * 2
+            # tension at the critical load: no buckling; an unknown factor leaves NaN
+            critical = [jnp.where(critical <= 0, jnp.inf, critical)] * 2
         else:
             modulus = jnp.asarray(self.youngs_modulus)
             pairs = zip((s.Iy, s.Iz), self.lengths, strict=True)

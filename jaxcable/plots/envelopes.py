@@ -17,6 +17,7 @@ from ..common import checks
 from ..common.types import Bool, Float, Int
 from ..common.units import SI, Units, UnitsLike, as_units
 from ..design.result_envelopes import ResultEnvelope
+from ..elements import Beams
 from ..elements.abilities import Bending
 from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, straight_pieces
@@ -236,13 +237,15 @@ def _draw_section_force(stage, envelope, of, high):
 def _beams(structure, nodes):
     """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
     ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
-    for group in structure.groups:
-        if not isinstance(group, Bending):
+    for bending in structure.groups:
+        if not isinstance(bending, Bending):
             continue
-        own = end_nodes(group)
+        own = end_nodes(bending)
         ends.append(own)
-        known = hasattr(group, "axes_of")
-        axes.append(np.asarray(group.axes_of(nodes) if known else default_section_axes(nodes[own])))
+        if isinstance(bending, Beams):  # elements of other classes state no axes
+            axes.append(np.asarray(bending.axes_of(nodes)))
+        else:
+            axes.append(default_section_axes(nodes[own]))
     return np.concatenate(ends), np.concatenate(axes)
 
 

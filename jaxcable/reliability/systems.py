@@ -88,6 +88,7 @@ def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
 @jax.jit
 def _bounds(betas, alphas):
     """Return `SeriesSystem` of linear limit states ``beta - alpha . u``."""
+    # rounding alone can leave this range: rows of `alphas` are unit vectors
     correlation = jnp.clip(alphas @ alphas.T, -1.0, 1.0)
     alone = ndtr(-betas)
     both = _both_violated(betas[:, None], betas[None, :], correlation)

@@ -86,6 +86,8 @@ def _correlation_of_normals(quantities, wanted):
     def improve(_, rho):
         error = jnp.sum(held * rho[None] ** powers, axis=0) - target
         rate = jnp.sum(held * powers * rho[None] ** (powers - 1), axis=0)
+        # a step beyond the range of correlations ends at its bound; below, what misses the target
+        # is NaN
         return jnp.clip(rho - error / rate, -1.0, 1.0)
 
     rho = lax.fori_loop(0, _STEPS, improve, target)

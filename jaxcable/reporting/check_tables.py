@@ -40,6 +40,8 @@ def check_sentences(checks: Checks) -> list[str]:
         lines.append(f"{len(exceeded)} of {count} checks NOT passed: {', '.join(exceeded)}")
     if checks.failed:
         lines.append(f"NOT CHECKED, because the analysis failed: {', '.join(checks.failed)}")
+    if checks.unstable:
+        lines.append(f"NOT passed, UNSTABLE at the end: {', '.join(checks.unstable)}")
     if not lines:
         lines.append(f"all {count} checks passed, largest utilization {float(checks.largest):.3f}")
     left_out = dict.fromkeys(one.not_covered for one in checks.results if one.not_covered)
@@ -48,7 +50,7 @@ def check_sentences(checks: Checks) -> list[str]:
     return lines
 
 
-def _largest(result: CheckResult) -> tuple[float, int]:
+def _largest_utilization(result: CheckResult) -> tuple[float, int]:
     """Return the largest utilization and the index of its item; infinity counts, NaN does not."""
     used = np.asarray(result.utilization, float)
     k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
@@ -64,7 +66,7 @@ def _verdict(utilization):
 
 def _overview(checks):
     """Return the table of one line for each check, sorted by utilization."""
-    most = [_largest(one) for one in checks.results]
+    most = [_largest_utilization(one) for one in checks.results]
     order = sorted(range(len(most)), key=lambda k: -np.nan_to_num(most[k][0], nan=np.inf))
     results = [checks.results[k] for k in order]
     where = [most[k] for k in order]
@@ -74,7 +76,7 @@ def _overview(checks):
         Column("utilization", "-", [used for used, _ in where], governs=True),
         Column("item", "", [one.items[k] for one, (_, k) in pairs]),
         Column("in", "", [checks.governing(one.name)[k] for one, (_, k) in pairs], heading="case"),
-        Column("verdict", "", [_verdict(used) for used, _ in where]),
+        Column("verdict", "", [_verdict(float(one.largest)) for one in results]),
         Column("clause", "", [one.clause for one in results]),
     ]
     return make_table("Checks, largest utilization of each", columns)

@@ -120,6 +120,8 @@ def test_an_empty_list_adds_nothing():
     assert prepare(hangers(), [jc.Phase(adds=[], loads=PULL)], None, None).arrays is not None
 
 
+# the cable hardly stretches, on purpose
+@pytest.mark.filterwarnings(r"ignore:elements\['cable'\].weight:jaxcable.InputWarning")
 def test_loads_act_whenever_their_element_is_there():
     """A cantilever of two beams and a cable: removed, and added again, by statics.
 

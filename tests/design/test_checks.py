@@ -302,6 +302,25 @@ def test_a_failed_case_is_named_and_spoils_nothing(cases):
     assert 2 not in np.asarray(found["cable resistance"].case)
 
 
+def test_an_unstable_case_does_not_pass(cases):
+    """Its figures count, as those of any equilibrium, and it is named."""
+    shaky = dataclasses.replace(cases, stable=cases.stable.at[2].set(False))
+    found = design.checks(stayed(), shaky, combinations=CASES)
+    assert found.unstable == [CASES.names[2]] and found.failed == {}
+    assert float(found.largest) < 1.0 and not found.passed
+    assert "UNSTABLE" in str(found)
+
+
+def test_an_unknown_buckling_factor_is_no_resistance():
+    """NaN of a case without an estimate makes the utilization NaN, and nothing has passed."""
+    structure, solution = cantilever(200e3, 5e3)
+    unknown = design.MemberBuckling(
+        profile=TUBE, yield_strength=STEEL, factors=float("nan"), curves="a"
+    )
+    found = design.checks(structure, solution, unknown)
+    assert np.isnan(found["member buckling"].utilization).all() and not found.passed
+
+
 def test_derivative_of_the_largest_utilization():
     """By pretension and strength, by Taylor's test; the wrong gradient as a control."""
     wind = [jc.Phase(loads=jc.NodalLoads([1], (push, 0.0, 0.0))) for push in (30e3, 45e3)]

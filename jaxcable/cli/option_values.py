@@ -1,0 +1,32 @@
+"""Words of options as numbers within limits; argparse says what is expected otherwise."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Callable
+
+from ..files.reading import number, parse_integer
+
+
+def parse_positive(word: str) -> float:
+    """Return a word as a positive number; raise argparse's error for any other."""
+    return _parse_within(word, number, lambda v: 0 < v < float("inf"), "a positive number")
+
+
+def whole_number_up_to(most: int) -> Callable[[str], int]:
+    """Return a function that parses a whole number from 0 to `most`."""
+
+    def whole_number(word):
+        expected = f"a whole number from 0 to {most}"
+        return _parse_within(word, parse_integer, lambda v: 0 <= v <= most, expected)
+
+    return whole_number
+
+
+def _parse_within(word, parse, is_allowed, expected):
+    """Parse a word; raise argparse's error, with what is expected, if the value is not allowed."""
+    with contextlib.suppress(ValueError):
+        if is_allowed(value := parse(word)):
+            return value
+    raise argparse.ArgumentTypeError(f"{word}: expected {expected}")
