@@ -50,7 +50,7 @@ class CheckResult:
         >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -90e3))))
         >>> (found,) = jc.design.checks(structure, solution).results
         >>> print(found.items[0], found.terms["F_Ed"].round(), found.terms["F_Rd"], found.inputs)
-        element 0 [90000.] [200000.] (('k_e', '1'), ('gamma_R', '1'))
+        element 0 [90000.] [200000.] (('k_e', '1'), ('gamma_R', '1'), ('F_k (N)', 'not checked'))
     """
 
     utilization: Float[Array, " n_item"]
