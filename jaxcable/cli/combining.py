@@ -19,6 +19,7 @@ from ..design.combinations import Combinations
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
+from ..reporting.load_descriptions import range_text
 from ..scenes import Scene
 from . import inputs
 from .guard import BadInput, print_message, refuse_value_errors
@@ -107,7 +108,7 @@ def describe_largest_values_of_cases(
     lines = [f"largest displacement over the combinations: {where} in {found.names[good[case]]}"]
     forces = [np.asarray(x)[good] for x in jax.tree.leaves(solutions.peak_tension)]
     if forces:
-        text = inputs.range_text(forces, "N", units)
+        text = range_text(forces, "N", units)
         lines.append(f"axial forces over the combinations: {text}")
     return lines
 

@@ -26,6 +26,7 @@ from ..forms import find_form, force_density
 from ..loads import Load, SupportMovement, Varying, as_list
 from ..model.result_parts import named_groups_of
 from ..model.supports import pinned
+from ..reporting.load_descriptions import range_text
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput
@@ -353,7 +354,7 @@ def _print_group_tensions(found, stated, units):
             continue
         force = np.asarray(value) * (length if "force_density" in stated else 1.0)
         print(
-            f"{name or 'all'}: tension {inputs.range_text(force, 'N', units)}, lengths "
-            f"{inputs.range_text(length, 'm', units)}, "
+            f"{name or 'all'}: tension {range_text(force, 'N', units)}, lengths "
+            f"{range_text(length, 'm', units)}, "
             f"{inputs.number_text(length.sum(), 'm', units)} in total"
         )

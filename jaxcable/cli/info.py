@@ -7,23 +7,25 @@ from argparse import Namespace
 import numpy as np
 
 from ..analysis.activation import make_activation
-from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
 from ..common.units import SI
 from ..elements import Bars, Bearings, Cables, Contacts, Springs
-from ..elements.abilities import STATEMENTS, Sagging, statements_of
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..files.net_units import unit_of_net_value
-from ..loads import as_list
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
 from ..reporting.load_descriptions import (
     describe_action,
-    describe_load,
     format_number,
     format_range,
+    range_text,
     range_with_unit,
     vector_text,
+)
+from ..reporting.phase_descriptions import (
+    describe_activation,
+    describe_loads,
+    describe_statements,
 )
 from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
@@ -90,7 +92,7 @@ def _print_scene(scene, stated):
         count, total = pluralize(len(lengths), "element"), units.text(sizes.sum(), unit)
         head = f"{type(group).__name__} {label}".strip() + f": {count}"
         if group.links.shape[1] > 1:
-            head += f", {kind} {inputs.range_text(sizes, unit, units)}, {total} in total"
+            head += f", {kind} {range_text(sizes, unit, units)}, {total} in total"
         print(head)
         spring = group if isinstance(group, Springs | Bearings) else None
         if spring is not None:
@@ -112,9 +114,7 @@ def _print_scene(scene, stated):
             _print_section(group.section, units)
     presence = make_activation(structure, phases, None)
     for number, phase in enumerate(phases, 1):
-        _print_phase(number, phase, structure, stated)
-        if presence is not None:
-            _print_activation(number - 1, structure, presence)
+        _print_phase(number, phase, structure, presence, stated)
     for action in scene.actions:
         held = " (in the phases)" * action.in_phases
         print(f"action {action.name}, {action.kind}{held}")
@@ -133,74 +133,21 @@ def _print_section(section, units):
     print(f"  section of {', '.join(fibres + stated)}")
 
 
-def _print_activation(k, structure, presence):
-    """Print which elements the phase of index `k` adds and removes, and how many are active in it.
+def _print_phase(number, phase, structure, presence, units):
+    """Print the increments, prestress, loads, new supports and elements of phase `number`, from 1.
 
-    `presence` is the result of `make_activation`: which elements are active in each phase.
-    """
-    for word, change in (("adds", 1), ("removes", -1)):
-        parts = []
-        names = [label for label, _ in named_groups_of(structure)]
-        for label, first, present in zip(
-            names, presence.present_at_start, presence.present, strict=True
-        ):
-            before = present[k - 1] if k else first
-            count = int((present[k].astype(int) - before.astype(int) == change).sum())
-            if count:
-                parts.append(f"{count} of {label}".removesuffix(" of "))
-        if parts:
-            print(f"  {word} {', '.join(parts)}")
-    total = sum(present.shape[1] for present in presence.present)
-    print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements active")
-
-
-def _print_phase(number, phase, structure, units):
-    """Print the increments, prestress, loads and new supports of phase `number`, from 1.
-
-    Numbers are in `units`, None for SI.
+    `presence` is the result of `make_activation`. Numbers are in `units`, None for SI.
     """
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
-    stated = phase.statements(structure)
-    for name in all_statements(phase):
-        hangs = any(isinstance(group, Sagging) for group in structure.groups)
-        jacked = hangs and name in ("end_tension", "jacking")
-        place = f" (of catenaries at the {phase.tension_at} end)" if jacked else ""
-        values = [of.get(name) for of in stated]
-        print(f"  {name}{place} {_describe_statement(name, values, structure, units)}")
-    for load in as_list(phase.loads):
-        print(f"  {describe_load(load, units)}")
+    lines = describe_statements(phase, structure, units, name_others=True) + describe_loads(
+        phase, units
+    )
     if phase.supports is not None:
-        print("  new supports, which replace those before")
-
-
-def _describe_statement(field, statements, structure, units):
-    """Return what a phase states in one `field`, such as "pretension", in words: values by group.
-
-    `statements` has the stated values of each group, or None; groups without values are named, too.
-    Numbers are in `units`, None for SI.
-    """
-    parts: dict[str, list[str]] = {}
-    without, cold = [], []
-    for (label, group), stated in zip(named_groups_of(structure), statements, strict=True):
-        if stated is None and field not in STATEMENTS and field not in statements_of(group):
-            continue  # only groups of one class may know it
-        if stated is None:
-            lacks = field == "temperature" and group.expansion is None
-            (cold if lacks else without).append(label)
-            continue
-        values = np.asarray(stated.values)
-        meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
-        unit = statements_of(group)[field].unit
-        text = inputs.range_text(values[meant], unit, units).removesuffix(" -")
-        some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"
-        parts.setdefault(text, []).append(f"{label}{some}".strip())
-    described = [f"{text} on {', '.join(names)}" for text, names in parts.items()]
-    if len(statements) == 1:
-        described = [part.removesuffix(" on ").replace(" on (", " (") for part in described]
-    if without:
-        described.append(f"none on {', '.join(without)}")
-    described += [f"{', '.join(cold)} has no expansion"] if cold else []
-    return "; ".join(described)
+        lines.append("new supports, which replace those before")
+    if presence is not None:
+        lines += describe_activation(number - 1, structure, presence)
+    for line in lines:
+        print(f"  {line}")
 
 
 def _print_net(net, units):
@@ -211,7 +158,7 @@ def _print_net(net, units):
     print(f"extent: {_bounding_box_text(net.nodes, units)}")
     ends = net.nodes[net.links]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    print(f"lengths {inputs.range_text(lengths, 'm', units)}")
+    print(f"lengths {range_text(lengths, 'm', units)}")
     held = net.fixed.any(axis=1)
     print(f"supports: {int(held.sum())} nodes")
     if net.groups is not None:
@@ -224,7 +171,7 @@ def _print_net(net, units):
         known = value[~np.isnan(value)]
         text = format_range(known)
         if units != SI:
-            text = inputs.range_text(known, unit_of_net_value(name), units).removesuffix(" -")
+            text = range_text(known, unit_of_net_value(name), units).removesuffix(" -")
         print(f"{name} {text} ({len(known)} links)")
     if net.loads is not None:
         print(f"loads: sum {vector_text(units.from_si(net.loads.sum(axis=0), 'N'))} {units.force}")

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from ..common.checks import warn_user
@@ -21,7 +20,6 @@ from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
-from ..reporting.load_descriptions import format_range
 from ..scenes import Scene
 from .guard import BadInput, refuse_value_errors
 
@@ -289,15 +287,6 @@ def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
 def number_text(value: float, unit: str, units: Units | None = None) -> str:
     """Return a number, given in the SI unit `unit`, as text with six digits and its unit."""
     return (units or SI).text(value, unit)
-
-
-def range_text(
-    arrays: PyTree[Float[ArrayLike, " ..."]], unit: str, units: Units | None = None
-) -> str:
-    """Return the range of numbers, given in the SI unit `unit`, as text with unit in `units`."""
-    units = units or SI
-    converted = jax.tree.map(lambda a: units.from_si(np.asarray(a, float), unit), arrays)
-    return f"{format_range(converted)} {units.shown(unit)}"
 
 
 def largest_displacement(

@@ -18,6 +18,7 @@ from ..common.checks import InputWarning
 from ..common.tree import replace
 from ..common.units import SI
 from ..files import save_scene
+from ..reporting.load_descriptions import range_text
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
@@ -100,8 +101,8 @@ def run(options: Namespace) -> None:
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
-        f"pretension {inputs.range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
-        f"final axial forces {inputs.range_text(solution.last.peak_tension, 'N', units)}",
+        f"pretension {range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
+        f"final axial forces {range_text(solution.last.peak_tension, 'N', units)}",
         *limits,
         *_describe_exceeded_strength(structure, solution),
         _MEANING,

@@ -15,6 +15,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
+from ..reporting.load_descriptions import range_text
 from ..reporting.result_report import require_writer
 from . import file_names, inputs, outputs
 from .combining import (
@@ -62,7 +63,15 @@ def run(options: Namespace) -> int | None:
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged
-        findings = report(structure, solution, phases, energy=energy, units=units, **over_cases)
+        findings = report(
+            structure,
+            solution,
+            phases,
+            energy=energy,
+            units=units,
+            model=options.report not in (None, "-"),  # for the screen there is `info`
+            **over_cases,
+        )
     if options.report is not None and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     # before anything is printed, because the reader of a pipe may end
@@ -146,5 +155,5 @@ def describe_largest_values(solution: Solution, units: Units | None = None) -> l
         f"largest displacement {name}: {inputs.largest_displacement(part.displacement, units)[1]}"
         for name, part in parts.items()
     ]
-    forces = inputs.range_text(solution.peak_tension, "N", units)
+    forces = range_text(solution.peak_tension, "N", units)
     return [*moved, f"final axial forces: {forces}"]

@@ -26,7 +26,7 @@ from collections.abc import Mapping
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..common import checks
 
@@ -165,3 +165,39 @@ def with_origin(clause: str, name: str, rules: Mapping[str, Any]) -> str:
             ):
                 return f"{clause}; CHANGED factors, source: {rules.get('source', 'not given')}"
     return clause
+
+
+def describe_factors(rule: Mapping[str, Any]) -> str:
+    """Return by which factors a rule multiplies actions: "permanent 1.35 or 1, leading gamma"."""
+    parts = [f"{kind} {' or '.join(f'{f:g}' for f in rule[kind])}" for kind in ALWAYS]
+    parts += [f"{kind} {factor:g}" for kind, factor in rule.get("exceptional", {}).items()]
+    if "leading" in rule:
+        for key in ("leading", "accompanying"):
+            parts.append(f"{key} {' '.join(rule[key]) or 1}")
+    parts += [f"{kind} {factor:g}" for kind, factor in rule.get("terms", {}).items()]
+    for one_of in rule.get("one of", ()):
+        parts.append(f"one of ({', '.join(f'{kind} {f:g}' for kind, f in one_of.items())})")
+    return ", ".join(parts)
+
+
+class KindFactors(NamedTuple):
+    """Factors of a kind of variable actions: partial factor, and factors psi or None."""
+
+    kind: str
+    gamma: float | None
+    psi0: float | None
+    psi1: float | None
+    psi2: float | None
+
+
+def factors_of_kind(kind: str, rules: Mapping[str, Any]) -> KindFactors | None:
+    """Return the `KindFactors` of a kind of actions; None if `rules` give it none by its kind.
+
+    Those are permanent and exceptional actions, and all kinds of rules that have the factors of
+    each kind in each combination, as those of ASCE 7.
+    """
+    uses_kinds = any("leading" in rule for rule in rules["combinations"].values())
+    if kind not in rules["kinds"] or not uses_kinds:
+        return None
+    own = rules["kinds"][kind]
+    return KindFactors(kind, own.get("gamma", rules["gamma"]), *own.get("psi", (None,) * 3))

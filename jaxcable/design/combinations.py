@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -18,12 +19,24 @@ from ..common.types import Float
 from ..loads import as_list, combine
 from .actions import Action, check_actions
 from .combination_factors import rows_of_rule, sets_of_variables
-from .combination_rules import ALWAYS, combination_rules, with_origin
+from .combination_rules import (
+    ALWAYS,
+    KindFactors,
+    combination_rules,
+    describe_factors,
+    factors_of_kind,
+    with_origin,
+)
 
 _MOST = 20_000  # combinations: more than anybody would look at, and seconds to enumerate
 
 
-@pytree(static=("names", "rules", "limit_states", "clauses", "increments"))
+@pytree(
+    static=(
+        *("names", "rules", "limit_states", "clauses", "increments", "rule_factors"),
+        "kind_factors",
+    )
+)
 class Combinations:
     """Combinations of actions, each with its name and its factors: result of `combinations`.
 
@@ -35,6 +48,9 @@ class Combinations:
         limit_states: of the combinations: "ultimate", "serviceability" and so on.
         clauses: what the factors are taken from, for each combination.
         increments: in how many equal steps a case is applied.
+        rule_factors: by which factors the rule of each combination multiplies actions, in words.
+        kind_factors: gamma and psi of the kinds of variable actions, each `KindFactors`, as far as
+            the rules have these.
 
     Example:
         >>> snow = jc.design.Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
@@ -52,6 +68,8 @@ class Combinations:
     limit_states: tuple[str, ...]
     clauses: tuple[str, ...]
     increments: int = 1
+    rule_factors: tuple[str, ...] = ()
+    kind_factors: tuple[KindFactors, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -80,9 +98,9 @@ class Combinations:
                 hint = checks.suggest_names(one, dict.fromkeys(have))
                 raise ValueError(f"{argument} = {one!r}: no combination is of it{hint}")
         chosen = [k for k, one in enumerate(have) if one in wanted]
-        every = self.names, self.rules, self.limit_states, self.clauses
-        texts = (tuple(text[k] for k in chosen) for text in every)
-        return Combinations(self.actions, self.factors[np.array(chosen)], *texts, self.increments)
+        every = "names", "rules", "limit_states", "clauses", "rule_factors"
+        texts = {name: tuple(getattr(self, name)[k] for k in chosen) for name in every}
+        return dataclasses.replace(self, factors=self.factors[np.array(chosen)], **texts)
 
     @property
     def cases(self) -> Phase:
@@ -225,7 +243,7 @@ def combinations(
     sets = list(itertools.islice(sets_of_variables(actions, rules["kinds"]), _MOST + 1))
     _require_few(len(sets))
     rows: list[tuple[float, ...]] = []
-    texts: list[tuple[str, str, str, str]] = []
+    texts: list[tuple[str, str, str, str, str]] = []
     for name, rule in chosen.items():
         of_rule: dict[tuple[float, ...], None] = {}
         for row in rows_of_rule(actions, rules, rule, sets):
@@ -233,9 +251,8 @@ def combinations(
             _require_few(len(rows) + len(of_rule))
         rows += of_rule
         clause = with_origin(rule.get("clause", ""), name, rules)
-        texts += [
-            (f"{name}-{k}", name, rule["limit state"], clause) for k in range(1, 1 + len(of_rule))
-        ]
+        same = name, rule["limit state"], clause, describe_factors(rule)
+        texts += [(f"{name}-{k}", *same) for k in range(1, 1 + len(of_rule))]
     if not rows:
         raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
     factors = np.array(rows)
@@ -245,8 +262,19 @@ def combinations(
                 f"actions: {one.name!r} is in no combination of these rules: none has {one.kind!r} "
                 "together with what the action needs, or its factors are zero"
             )
-    names, of_rules, limit_states, clauses = zip(*texts, strict=True)
-    return Combinations(actions, factors, names, of_rules, limit_states, clauses, increments)
+    names, of_rules, limit_states, clauses, rule_factors = zip(*texts, strict=True)
+    kinds = (factors_of_kind(kind, rules) for kind in dict.fromkeys(one.kind for one in actions))
+    return Combinations(
+        actions,
+        factors,
+        names,
+        of_rules,
+        limit_states,
+        clauses,
+        increments,
+        rule_factors,
+        tuple(kind for kind in kinds if kind is not None),
+    )
 
 
 def _require_few(count):

@@ -115,4 +115,5 @@ class PointMasses(OnNodes):
         if masses is None:
             return "PointMasses"
         total = np.broadcast_to(masses, (len(self.nodes),)).sum()
-        return f"PointMasses on {len(self.nodes)} nodes, sum {units.text(total, 'kg')}"
+        count = f"{len(self.nodes)} node" + "s" * (len(self.nodes) != 1)
+        return f"PointMasses on {count}, sum {units.text(total, 'kg')}"

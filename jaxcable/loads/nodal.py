@@ -89,7 +89,8 @@ class NodalLoads(OnNodes):
             return "NodalLoads"
         total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)
         total = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
-        return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) {units.name('N')}"
+        count = f"{len(self.nodes)} node" + "s" * (len(self.nodes) != 1)
+        return f"NodalLoads on {count}, sum ({total}) {units.name('N')}"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from ..common.status import describe
 from ..common.units import Units
+from ..design.combination_rules import KindFactors
 from ..design.combinations import Combinations
 from .load_descriptions import describe_action
 from .table import Column, Table, make_table
@@ -39,26 +40,42 @@ def combination_table(
         Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
         Column("clause", "", list(combinations.clauses), detail=True),
     ]
-    clauses = dict.fromkeys(zip(combinations.rules, combinations.clauses, strict=True))
+    every = combinations.rules, combinations.rule_factors, combinations.clauses
     notes = ["times named: in how many rows of tables that name the combinations that govern"]
-    notes += [f"{rule}: {clause}" for rule, clause in clauses if clause]
+    for rule, factors, clause in dict.fromkeys(zip(*every, strict=True)):
+        notes.append(f"{rule}: {factors}" + (f" ({clause})" if clause else ""))
     return make_table("Combinations of actions", columns, notes)
 
 
 def action_table(combinations: Combinations, units: Units) -> Table:
     """Return the table of the actions that are combined: name, kind, and what acts, in a line."""
     actions = combinations.actions
+    by_kind = {factors.kind: factors for factors in combinations.kind_factors}
+    own = [by_kind.get(one.kind, KindFactors(one.kind, *(None,) * 4)) for one in actions]
     columns = [
         Column("action", "", [one.name for one in actions]),
         Column("kind", "", [one.kind for one in actions]),
         Column("acts", "", [describe_action(one, units) for one in actions], heading="what acts"),
+        *(
+            Column(name, "-", [_as_float(getattr(factors, name)) for factors in own])
+            for name in KindFactors._fields[1:]
+        ),
         Column("in phases", "", ["yes" if one.in_phases else None for one in actions]),
         Column("together", "", [_conditions(one) for one in actions], heading="acts together"),
     ]
     notes = ["characteristic values, which the factors of the combinations multiply"]
+    if by_kind:
+        notes.append(
+            "gamma: partial factor; psi0, psi1, psi2: combination, frequent, quasi-permanent value"
+        )
     if any(one.in_phases for one in actions):
         notes.append("in phases: the phases before the cases apply the action by factor 1")
     return make_table("Actions", columns, notes)
+
+
+def _as_float(value):
+    """Return a factor as a floating-point number, which a table prints by its unit, or None."""
+    return None if value is None else float(value)
 
 
 def _conditions(action):

@@ -13,12 +13,13 @@ from ..common.units import SI, Units
 from ..studies.task import package_version
 from .table import Scales, Table, common_scales, table_texts
 
-# Widths in points: a digit of 8 points in the serif face of the PDF is 3.7 wide, a letter of a bold
-# heading 4.2 on average.
-_CHARACTER = 4.2
+# Widths in points of characters of 8 points in the serif face of the PDF: digits, which are all of
+# one width, capitals, other letters on average, and points and spaces; bold ones are wider.
+_DIGIT, _CAPITAL, _LETTER, _POINT, _BOLD = 3.8, 5.0, 3.4, 2.2, 1.1
 _GAP = 7.0  # between columns
 _PORTRAIT, _LANDSCAPE = 470.0, 717.0  # width of the text on A4
 _LONGEST = 34  # characters of a text, from which on it wraps
+_SHORTEST = 20  # the same where a page in portrait format is wide enough then
 _MOST_KEYS = 4
 """Columns that name a row, and are repeated where a table is split: group, element, two nodes."""
 _PLAIN_TITLE = "Structural analysis"
@@ -134,23 +135,39 @@ def _document_table(name: str, table: Table, most: int | None, scales: Scales, u
         [text.replace("-", _MINUS) for text in column] if is_numeric else column
         for column, is_numeric in zip(texts, numeric, strict=False)  # no texts without rows
     ]
-    widths = {k: _width(names[k], shown_units[k], texts[k]) for k in shown}
+    widths, least = (  # in points
+        {k: _width(names[k], shown_units[k], texts[k], longest) for k in shown}
+        for longest in (_LONGEST, _SHORTEST)
+    )
     parts = []
     for columns in _split_columns(shown, widths, [shown_units[k] for k in shown]):
         every: Any = names, shown_units, numeric, texts
         own_names, own_units, own_numeric, own = ([of[k] for k in columns] for of in every)
         rows = [list(row) for row in zip(*own, strict=True)]
-        wide = sum(widths[k] for k in columns) > _PORTRAIT
+        wide = sum(widths[k] if numeric[k] else least[k] for k in columns) > _PORTRAIT
         parts.append(Part(own_names, own_units, own_numeric, rows, wide))
     return DocumentTable(name, table.title, parts, notes)
 
 
-def _width(heading, unit, texts):
-    """Return the width of a column in points: of its cells, and of the words of its heading."""
-    cells = min(max(map(len, texts)), _LONGEST)
-    words = max(map(len, heading.split()), default=0)
-    lines = len(heading) / 2  # headings have two or three lines
-    return _GAP + _CHARACTER * max(cells, words, lines, len(unit))
+def _width(heading, unit, texts, longest):
+    """Return the width of a column in points: of its cells, and of the words of its heading.
+
+    Cells of more than `longest` characters wrap, but a word does only if it has very many.
+    """
+    words = (word[:_LONGEST] for text in texts for word in text.split())
+    cells = max(map(_text_width, (*(text[:longest] for text in texts), *words)))
+    word = max(map(_text_width, heading.split()), default=0.0)
+    lines = _text_width(heading) / 2  # headings have two or three lines
+    return _GAP + max(cells, _BOLD * word, _BOLD * lines, _text_width(unit))
+
+
+def _text_width(text):
+    """Return the width of a text in points."""
+    digits = sum(c.isdigit() or c == _MINUS for c in text)
+    capitals = sum(c.isupper() for c in text)
+    letters = sum(c.isalpha() for c in text) - capitals
+    others = len(text) - digits - capitals - letters
+    return _DIGIT * digits + _CAPITAL * capitals + _LETTER * letters + _POINT * others
 
 
 def _split_columns(shown, widths, units):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from ..common.types import ArrayLike, Float, PyTree
+from ..common.types import ArrayLike, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
 from ..elements.abilities import STATEMENTS
@@ -33,7 +33,7 @@ def describe_load(load: Load, units: Units | None) -> str:
     """Return a load in words, with its values, in `units` or SI, where these are one vector."""
     if isinstance(load, SelfWeight | LineLoads):
         where = "" if load.on is None else f" on {load.on}"
-        where += "" if load.elements is None else f" ({_elements_text(load.elements.elements)})"
+        where += "" if load.elements is None else f" ({elements_text(load.elements.elements)})"
     if isinstance(load, SelfWeight):
         direction = np.asarray(load.direction, float)
         plain = np.array_equal(direction, [0.0, 0.0, -1.0])
@@ -45,8 +45,8 @@ def describe_load(load: Load, units: Units | None) -> str:
     return load.describe(units or SI)
 
 
-def _elements_text(elements):
-    """Return the numbers of elements as text; their count, of many."""
+def elements_text(elements: Int[ArrayLike, " n"]) -> str:
+    """Return the numbers of elements as text, "elements 0, 3"; their count, of many."""
     numbers = [str(k) for k in np.asarray(elements)]
     one = "element" if len(numbers) == 1 else "elements"
     return f"{len(numbers)} {one}" if len(numbers) > 8 else f"{one} {', '.join(numbers)}"
@@ -68,6 +68,15 @@ def range_with_unit(
     if unit.startswith("N") and largest >= 1e3:
         prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
     return f"{write(factor * values)} {prefix}{unit}"
+
+
+def range_text(
+    arrays: PyTree[Float[ArrayLike, " ..."]], unit: str, units: Units | None = None
+) -> str:
+    """Return the range of numbers, given in the SI unit `unit`, as text with unit in `units`."""
+    units = units or SI
+    converted = jax.tree.map(lambda a: units.from_si(np.asarray(a, float), unit), arrays)
+    return f"{format_range(converted)} {units.shown(unit)}"
 
 
 def vector_text(values: Float[np.ndarray, " n"]) -> str:

@@ -29,6 +29,7 @@ from .displacements import (
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
+from .model_tables import model_tables
 from .reaction_envelope import reaction_envelope_table
 from .reactions import equilibrium_table, reaction_table
 from .result_report import Report
@@ -44,7 +45,7 @@ from .table import table_in_units
 def report(
     structure: Structure,
     solution: Solution,
-    phases: Phase | Sequence[Phase] | None = None,
+    phases: Phase | Sequence[Phase] | Mapping[str, Phase] | None = None,
     *,
     cases: Solution | None = None,
     names: Sequence[str] | None = None,
@@ -55,6 +56,7 @@ def report(
     chains: Mapping[str, Sequence[int]] | None = None,
     combinations: Combinations | None = None,
     checks: Checks | None = None,
+    model: bool = False,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
@@ -62,7 +64,8 @@ def report(
         structure: `Structure` that was analysed.
         solution: its `Solution`; if it has failed, the report is on the last converged state, and
             says so, or has no tables if no increment has converged.
-        phases: the phases of the analysis, as many as the solution has; only `energy` needs them.
+        phases: the phases of the analysis, as many as the solution has; `energy` needs them, and
+            the table ``phases`` of the `model`. A dict gives their names, too.
 
     Options:
         cases: `Solution` with a leading axis [n_case], as from `design.solve_cases`, for envelopes
@@ -88,6 +91,8 @@ def report(
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
             and a table of them.
         checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
+        model: whether there are tables of what was analysed: ``nodes`` with supports,
+            ``properties`` of elements, and, if they are given, ``phases``.
 
     Returns:
         `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
@@ -134,21 +139,24 @@ def report(
         stored 0.9779 0.3574 J
         imbalance 0.0000 0.0003 J
     """
-    shown = SI if units is None else as_units(units)
+    shown_or_none = None if units is None else as_units(units)
+    shown = shown_or_none or SI
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
-    phases = _checked_phase_list(phases, solution)
+    own_names = names if cases is None else None
+    if isinstance(phases, Mapping) and own_names is None:
+        own_names = list(phases)
+    listed = _checked_phase_list(phases, solution)
     check_chains(structure, chains)
     balanced = energy is not False and energy is not None
-    if balanced and phases is None:
+    if balanced and listed is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
     if combinations is not None:
         names = _names_of_combinations(combinations, cases, names)
-    own_names = names if cases is None else None
     labels = states.check_phase_names(solution, own_names)
     if cases is None:
         good = None
-        envelope, failed = states.converged_phases(solution, names)
+        envelope, failed = states.converged_phases(solution, own_names)
     else:
         good, failed = states.converged_cases(cases, names)
         envelope = states.envelope_states_of_cases(good)
@@ -157,7 +165,7 @@ def report(
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
     summary = summary_sentences(structure, solution, heads, failed)
     if has_no_result(solution):
-        return _finish_report(solution, summary, {}, None if units is None else shown)
+        return _finish_report(solution, summary, {}, shown_or_none)
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
@@ -169,17 +177,15 @@ def report(
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
     if checks is not None:
-        if not isinstance(checks, Checks):
-            kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
-            raise ValueError(f"checks: expected Checks, got {kind}")
-        summary += check_sentences(checks)
-        tables = {**check_tables(checks), **tables}
+        summary, tables = _with_checks(summary, tables, checks)
     if combinations is not None:
         unstable = [name for name, case in good.items() if not bool(case.stable)]
         summary += combination_sentences(combinations, failed, unstable)
         named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
         table = combination_table(combinations, failed, unstable, named)
         tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
+    if model:
+        tables = {**model_tables(structure, listed, labels, shown_or_none), **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),
@@ -189,16 +195,24 @@ def report(
         tables["energy"] = energy_table(
             structure,
             solution,
-            phases,  # type: ignore[arg-type]  # of an analysis: not None here
+            listed,
             None if energy is True else energy,  # type: ignore[arg-type]  # not False here
             own_names,
             units=shown,
         )
-    return _finish_report(solution, summary, tables, None if units is None else shown)
+    return _finish_report(solution, summary, tables, shown_or_none)
 
 
 _OF_EACH_CASE = ("displacements", "displacements_since", "rotations")
 """Tables that have rows of every case, whether it governs or not."""
+
+
+def _with_checks(summary, tables, checks):
+    """Return sentences and tables with those of checks; ValueError if these are something else."""
+    if not isinstance(checks, Checks):
+        kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
+        raise ValueError(f"checks: expected Checks, got {kind}")
+    return summary + check_sentences(checks), {**check_tables(checks), **tables}
 
 
 def _names_of_combinations(combinations, cases, names):
@@ -219,12 +233,14 @@ def _finish_report(solution, summary, tables, units):
 
 
 def _checked_phase_list(phases, solution):
-    """Return the phases of an analysis (one, or a sequence) as a list; None if `phases` is None.
+    """Return the phases of an analysis (one, several, a dict) as a list; None if it is None.
 
     Raise ValueError for another number of phases than the solution has.
     """
     if phases is None:
         return None
+    if isinstance(phases, Mapping):
+        phases = list(phases.values())
     phases = list(phases) if isinstance(phases, list | tuple) else [phases]
     if len(phases) != len(solution.phases):
         raise ValueError(

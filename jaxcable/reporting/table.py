@@ -12,9 +12,9 @@ import numpy as np
 
 from ..common.units import SI, Units
 
-_KILO_UNITS = ("N", "N m", "J")
+_KILO_UNITS = ("N", "N m", "N m2", "J")
 _KILO = 1e4
-"""Size from which a report gives all forces (works) in kN (kJ).
+"""Size from which a report gives all forces (works, bending stiffnesses) in kN (kJ, kN m2).
 
 Nets of models in the laboratory carry hundreds of newtons, structures tens of kilonewtons; below
 the limit a number has at most four digits before its point.
@@ -170,8 +170,9 @@ def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales
     """Return the unit and the factor with which texts show numbers of a unit: a dict by unit.
 
     Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
-    likewise in kJ; stresses are in MPa. An example is ``{"N": ("kN", 1e-3)}``. Tables in stated
-    `units` keep these, but for stresses, which are in MPa, kip/in2, lbf/in2 or kgf/cm2.
+    and bending stiffnesses likewise in kJ and kN m2; stresses are in MPa. An example is
+    ``{"N": ("kN", 1e-3)}``. Tables in stated `units` keep these, but for stresses, which are in
+    MPa, kip/in2, lbf/in2 or kgf/cm2.
     """
     if units is not None:
         name, factor = units.stress

@@ -50,7 +50,7 @@ def test_all_combinations_are_in_the_report(folder, capsys):
     text = f"{moved.max():.6g} m at node {node} in {found.names[case]}"
     assert f"largest displacement over the combinations: {text}" in told
     text = (folder / "rope.json.txt").read_text()
-    assert "NodalLoads on 1 nodes, sum (0, 0, -1) kN" in text and "1.35 self-weight" in text
+    assert "NodalLoads on 1 node, sum (0, 0, -1) kN" in text and "1.35 self-weight" in text
     assert "envelope over 10 cases" in text and "without their loads and factors" in text
     assert command(f'{words} rope.pdf --title "A rope" --author A --date 2026-11-27') == 0
     assert (folder / "rope.pdf").read_bytes().startswith(b"%PDF")
@@ -104,7 +104,7 @@ def test_info_shows_actions(folder, capsys):
     assert command("info rope.json") == 0
     told = capsys.readouterr().out
     assert "action self-weight, permanent (in the phases)\n  self-weight\n" in told
-    assert "action snow, snow\n  NodalLoads on 1 nodes, sum (0, 0, -1) kN\n" in told
+    assert "action snow, snow\n  NodalLoads on 1 node, sum (0, 0, -1) kN\n" in told
 
 
 def test_other_commands_keep_actions(folder):

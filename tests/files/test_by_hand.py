@@ -226,9 +226,9 @@ def test_info_names_the_groups_of_statements(tmp_path, capsys):
     (tmp_path / "scene.json").write_text(json.dumps(data))
     assert main(["info", str(tmp_path / "scene.json")]) == 0
     printed = capsys.readouterr()
-    assert "  pretension 10000 N on guys; none on mast\n" in printed.out
+    assert "  pretension 10 kN on guys; none on mast\n" in printed.out
     assert "  temperature -30 K on guys; mast has no expansion\n" in printed.out
-    assert "  shortening 0.01 m on guys (1 of 3 elements); none on mast\n" in printed.out
+    assert "  shortening 0.01 m on guys (element 0 of 3); none on mast\n" in printed.out
     assert "elements['mast'].section: its bending stiffness EI is zero" in printed.err
     jc.save_scene(tmp_path / "net.json", jc.scenes.flat_net())
     assert main(["info", str(tmp_path / "net.json")]) == 0

@@ -1,0 +1,201 @@
+"""The tables of a report on what was analysed: nodes, properties of elements, phases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..analysis.activation import make_activation
+from ..analysis.phases import Phase
+from ..common.types import Bool, Float
+from ..common.units import Units
+from ..elements import Bearings, Springs
+from ..elements.beam_element import BeamElement
+from ..elements.element import Element
+from ..model.result_parts import named_groups_of
+from ..model.structure import Structure
+from ..model.supports import Supports
+from .load_descriptions import range_with_unit, vector_text
+from .phase_descriptions import describe_activation, describe_loads, describe_statements
+from .table import Column, Table, make_table
+
+_FREEDOMS = "x", "y", "z", "rx", "ry", "rz"
+_MOST = 8  # nodes that are listed
+_SKEW = 1e-9  # size of an entry of a rotation matrix up to which it is rounding
+_PROPERTIES = {
+    "area": ("A", "m2"),
+    "weight": ("weight", "N/m"),
+    "strength": ("strength", "N"),
+    "expansion": ("expansion", "1/K"),
+    "gap": ("gap", "m"),
+}
+"""Properties that groups have for each element: names in the table, and units."""
+_STIFFNESSES = ("EA", "N"), ("EIy", "N m2"), ("EIz", "N m2"), ("GJ", "N m2")
+_SHEAR = ("GAy", "N"), ("GAz", "N")
+
+
+def model_tables(
+    structure: Structure, phases: Sequence[Phase] | None, names: Sequence[str], units: Units | None
+) -> dict[str, Table]:
+    """Return the tables ``nodes``, ``properties`` and, if `phases` are given, ``phases``.
+
+    `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
+    """
+    found = {"nodes": _node_table(structure), "properties": _property_table(structure, units)}
+    if phases is not None:
+        found["phases"] = _phase_table(structure, phases, names, units)
+    return found
+
+
+def _node_table(structure: Structure) -> Table:
+    """Return the table of all nodes: initial positions, and what the supports hold."""
+    nodes = np.asarray(structure.nodes, float)
+    columns = [
+        Column("node", "", list(range(len(nodes)))),
+        *(Column(axis, "m", values) for axis, values in zip("xyz", nodes.T, strict=True)),
+        Column("held", "", _support_texts(structure.supports, len(nodes))),
+    ]
+    notes = ["positions before all phases; held: displacements x, y, z, rotations rx, ry, rz"]
+    if structure.rigid is not None:
+        pairs = ", ".join(f"{a} to {b}" for a, b in structure.rigid.array.tolist())
+        notes.append(f"rigid arms, from carrier to carried node: {pairs}")
+    return make_table("Nodes and supports", columns, notes)
+
+
+def _support_texts(supports: Supports, count: int) -> list[str | None]:
+    """Return what supports hold at each of `count` nodes, "x y z", or None; in words if skew."""
+    held, axes = supports.fixed(count), supports.directions(count)
+    return [_support_text(*of_node) for of_node in zip(held, axes, strict=True)]
+
+
+def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) -> str | None:
+    """Return what is held at one node: freedoms by name, or the directions in which it is held."""
+    in_part = any(held[k : k + 3].any() and not held[k : k + 3].all() for k in (0, 3))
+    if in_part and np.abs(axes - np.eye(3)).max() > _SKEW:
+        words = [
+            f"{('along', 'about')[k // 3]} {vector_text(np.round(axes[k % 3], 6))}"
+            for k in np.flatnonzero(held)
+        ]
+        return ", ".join(words)
+    return " ".join(name for name, is_held in zip(_FREEDOMS, held, strict=True) if is_held) or None
+
+
+def _property_table(structure: Structure, units: Units | None) -> Table:
+    """Return the table of the properties of elements: a row for all with the same in a group."""
+    heads: list[tuple[str, str, str]] = []
+    numbers: list[Float[np.ndarray, " n"]] = []
+    also: list[str | None] = []
+    for label, group in named_groups_of(structure):
+        values = np.column_stack([*_stiffnesses_of(group), *_numbers_of(group)])
+        more = _further_properties(group, units)
+        start = 0
+        for stop in range(1, len(values) + 1):
+            if stop == len(values) or not _same(values[start], values[stop]):
+                which = str(start) if stop - start == 1 else f"{start} to {stop - 1}"
+                heads.append((label, type(group).__name__, which))
+                numbers.append(values[start])
+                also.append(more)
+                start = stop
+    names = [*_STIFFNESSES, *_SHEAR, *_PROPERTIES.values()]
+    texts = zip(("group", "kind", "elements"), zip(*heads, strict=True), strict=True)
+    columns = [
+        *(Column(name, "", list(cells)) for name, cells in texts),
+        *(Column(n, unit, c) for (n, unit), c in zip(names, np.array(numbers).T, strict=True)),
+        Column("also", "", also),
+    ]
+    notes = ["EA, EIy, EIz, GJ: at zero strain, of beams about the axis through their nodes"]
+    return make_table("Properties of elements", columns, notes)
+
+
+def _same(a, b):
+    """Return whether two rows of properties are the same, NaN where there are none."""
+    return np.array_equal(a, b, equal_nan=True)
+
+
+def _stiffnesses_of(group: Element) -> list[Float[np.ndarray, " n_elem"]]:
+    """Return EA, EIy, EIz, GJ, GAy, GAz of each element, NaN where a group does not have one."""
+    count = len(group.links)
+    names = (name for name, _ in (*_STIFFNESSES, *_SHEAR))
+    found: dict[str, Any] = dict.fromkeys(names, np.nan)
+    section = group.section
+    if section is not None:
+        matrix = np.asarray(section.stiffness(), float)
+        found["EA"] = matrix[..., 0, 0]
+    if isinstance(group, BeamElement):
+        found["EIy"], found["EIz"] = matrix[..., 1, 1], matrix[..., 2, 2]
+        given = group.torsional_stiffness
+        found["GJ"] = group.section.torsional_stiffness() if given is None else given
+    for name in ("GAy", "GAz"):
+        found[name] = _number_or_nan(section, name)
+    stated = _number_or_nan(group, "axial_stiffness")
+    found["EA"] = np.where(np.isnan(stated), found["EA"], stated)
+    law = getattr(group, "law", None)
+    if law is not None and group.area is not None:
+        found["EA"] = np.asarray(law.modulus, float) * np.asarray(group.area, float)
+    return [np.broadcast_to(np.asarray(value, float), count) for value in found.values()]
+
+
+def _number_or_nan(thing, name):
+    """Return an attribute as an array of numbers; NaN if it is missing or None."""
+    value = getattr(thing, name, None)
+    return np.asarray(np.nan if value is None else value, float)
+
+
+def _numbers_of(group):
+    """Return the `_PROPERTIES` of each element, [n_elem] each; a weight only along an axis."""
+    count = len(group.links)
+    stated = {name: _number_or_nan(group, name) for name in _PROPERTIES}
+    if group.face is not None:
+        stated["weight"] = np.asarray(np.nan)
+    return [np.broadcast_to(values, count) for values in stated.values()]
+
+
+def _further_properties(group, units):
+    """Return what else elements have, in words: fibres, laws, stiffness of springs; or None."""
+    parts = []
+    law = getattr(group, "law", None)
+    if law is not None:
+        parts.append(f"law {type(law).__name__}")
+    section = group.section
+    if section is not None and section.n_fibre:
+        laws = dict.fromkeys(type(one).__name__ for one in section.laws)
+        parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
+    if group.face is not None and group.weight is not None:
+        parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
+    if group.hinges is not None:
+        parts.append("hinges")
+    if isinstance(group, Springs | Bearings):
+        parts.append(f"stiffness {range_with_unit(group.stiffness, 'N/m', units)}")
+    return "; ".join(parts) or None
+
+
+def _phase_table(structure, phases, names, units):
+    """Return the table of phases: a line for everything that one states, applies or changes."""
+    presence = make_activation(structure, phases, None)
+    supports, rows = structure.supports, []
+    for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
+        lines = [("increments", str(phase.increments))]
+        lines += [("states", text) for text in describe_statements(phase, structure, units)]
+        lines += [("applies", text) for text in describe_loads(phase, units)]
+        if phase.supports is not None:
+            lines.append(("supports", _new_supports(supports, phase.supports, structure.n_node)))
+            supports = phase.supports
+        if presence is not None:
+            lines += [("elements", text) for text in describe_activation(k, structure, presence)]
+        rows += [(k + 1, name, *line) for line in lines]
+    texts = zip(("phase", "name", "what", "text"), zip(*rows, strict=True), strict=True)
+    columns = [Column(head, "", list(cells)) for head, cells in texts]
+    notes = ["loads of a phase go on acting in the phases after it"]
+    return make_table("Phases of the analysis", columns, notes)
+
+
+def _new_supports(before, after, count):
+    """Return what new supports hold, node by node, where it is not the same as before."""
+    every = (_support_texts(supports, count) for supports in (before, after))
+    pairs = enumerate(zip(*every, strict=True))
+    changed = [f"node {k}: {new or 'free'}" for k, (old, new) in pairs if old != new]
+    if len(changed) > _MOST:
+        return f"new ones at {len(changed)} nodes"
+    return "; ".join(changed) or "as before"

@@ -1,0 +1,106 @@
+"""What a phase does, in words: prestress, loads, supports, and which elements come and go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..analysis.activation import Activation
+from ..analysis.phases import Phase, all_statements
+from ..common.types import Int
+from ..common.units import Units
+from ..elements.abilities import STATEMENTS, Sagging, statements_of
+from ..elements.statement import StatedValues
+from ..loads import as_list
+from ..model.result_parts import named_groups_of
+from ..model.structure import Structure
+from .load_descriptions import describe_load, elements_text, range_with_unit
+
+
+def describe_statements(
+    phase: Phase, structure: Structure, units: Units | None, *, name_others: bool = False
+) -> list[str]:
+    """Return what a phase states of elements, a line for each statement: values by group.
+
+    Groups without values are named, too, if `name_others`. Numbers are in `units`, None for SI.
+    """
+    stated = phase.statements(structure)
+    hangs = any(isinstance(group, Sagging) for group in structure.groups)
+    lines = []
+    for name in all_statements(phase):
+        jacked = hangs and name in ("end_tension", "jacking")
+        place = f" (of catenaries at the {phase.tension_at} end)" if jacked else ""
+        values = [of.get(name) for of in stated]
+        described, others = _describe_values(name, values, structure, units)
+        lines.append(f"{name}{place} {'; '.join(described + (others if name_others else []))}")
+    return lines
+
+
+def describe_loads(phase: Phase, units: Units | None) -> list[str]:
+    """Return the loads of a phase in words, a line for each; numbers in `units`, None for SI."""
+    return [describe_load(load, units) for load in as_list(phase.loads)]
+
+
+def describe_activation(k: int, structure: Structure, presence: Activation) -> list[str]:
+    """Return which elements the phase of index `k` adds and removes, and how many are active.
+
+    `presence` is the result of `make_activation`: which elements are active in each phase.
+    """
+    names = [label for label, _ in named_groups_of(structure)]
+    lines = []
+    for word, change in (("adds", 1), ("removes", -1)):
+        parts = []
+        for label, first, present in zip(
+            names, presence.present_at_start, presence.present, strict=True
+        ):
+            before = present[k - 1] if k else first
+            changed = np.flatnonzero(present[k].astype(int) - before.astype(int) == change)
+            if len(changed):
+                parts.append(_some_of(label, changed, len(before)))
+        if parts:
+            lines.append(f"{word} {', '.join(parts)}")
+    total = sum(present.shape[1] for present in presence.present)
+    active = sum(int(present[k].sum()) for present in presence.present)
+    return [*lines, f"{active} of {total} elements active"]
+
+
+def _some_of(label: str, elements: Int[np.ndarray, " n"], count: int) -> str:
+    """Return some elements of a group of `count` in words: its name, and which if not all."""
+    if len(elements) == count:
+        return label or "all elements"
+    some = f"{elements_text(elements)} of {count}"
+    return f"{label} ({some})" if label else some
+
+
+def _describe_values(
+    name: str, statements: Sequence[StatedValues | None], structure: Structure, units: Units | None
+) -> tuple[list[str], list[str]]:
+    """Return the values of a statement such as "pretension" in words, and which groups have none.
+
+    `statements` has the stated values of each group, or None.
+    """
+    parts: dict[str, list[str]] = {}
+    without, cold = [], []
+    for (label, group), stated in zip(named_groups_of(structure), statements, strict=True):
+        if stated is None and name not in STATEMENTS and name not in statements_of(group):
+            continue  # only groups of one class may know it
+        if stated is None:
+            lacks = name == "temperature" and group.expansion is None
+            (cold if lacks else without).append(label)
+            continue
+        values = np.asarray(stated.values)
+        meant = np.arange(len(values))
+        if stated.chosen is not None:
+            meant = np.flatnonzero(stated.chosen)
+        unit = statements_of(group)[name].unit
+        text = range_with_unit(values[meant], unit, units).removesuffix(" -")
+        parts.setdefault(text, []).append(_some_of(label, meant, len(values)))
+    single = len(statements) == 1
+    described = [
+        text if single and names == ["all elements"] else f"{text} on {', '.join(names)}"
+        for text, names in parts.items()
+    ]
+    others = [f"none on {', '.join(without)}"] if without else []
+    others += [f"{', '.join(cold)} has no expansion"] if cold else []
+    return described, others

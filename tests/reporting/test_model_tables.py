@@ -1,0 +1,171 @@
+"""Tables of what was analysed: nodes, properties, phases, factors of actions; each by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.__main__ import main
+from jaxcable.reporting.document import Heading, make_document
+from jaxcable.reporting.table import Table
+
+STEEL = 210e9  # Pa
+TUBE = jc.Section.rectangle(0.1, 0.2, jc.Elastic(STEEL))
+NODES = [[0.0, 0, 0], [3.0, 0, 0], [6.0, 0, 0], [3.0, 0, 4.0]]
+GROUPS = {
+    "beams": jc.Beams(
+        [[0, 1], [1, 2]], TUBE, torsional_stiffness=5e6, hinges=[[False] * 2, [False, True]]
+    ),
+    "stays": jc.Cables([[3, 0], [3, 1], [3, 2]], axial_stiffness=[1e7, 2e7, 2e7], strength=3e5),
+    "strut": jc.Bars([[1, 3]], area=2e-3, law=jc.Elastic(STEEL), weight=150.0),
+    "ground": jc.Springs([1], stiffness=5e5),
+}
+BEFORE = jc.clamped([0]) + jc.pinned([3])
+SKEW = jc.restrained([2], "x", axes=(1.0, 0.0, 1.0))
+AFTER = BEFORE + SKEW
+BRIDGE = jc.Structure(NODES, GROUPS, supports=BEFORE)
+PHASES = {
+    "stays": jc.Phase(
+        jacking={"stays": jc.only([1], 2e4)}, loads=jc.SelfWeight(), removes={"strut": [True]}
+    ),
+    "bearing": jc.Phase(supports=AFTER, loads=jc.NodalLoads([1], (0.0, 0.0, -500.0)), increments=2),
+}
+
+
+@pytest.fixture(scope="module")
+def solution():
+    found = jc.solve(BRIDGE, list(PHASES.values()))
+    assert int(found.status) == jc.status.OK
+    return found
+
+
+@pytest.fixture(scope="module")
+def tables(solution):
+    return jc.report(BRIDGE, solution, PHASES, model=True, units="kN, m").tables
+
+
+def rows(table):
+    """Return the rows of a table as dicts by the name of the column."""
+    return [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+
+
+def test_nodes_have_their_positions_and_supports(tables):
+    found = rows(tables["nodes"])
+    assert [[row[axis] for axis in "xyz"] for row in found] == NODES
+    assert [row["held"] for row in found] == ["x y z rx ry rz", None, None, "x y z"]
+    skew = jc.Structure(NODES, GROUPS, supports=AFTER)
+    solved = jc.solve(skew, PHASES["stays"])
+    assert int(solved.status) == jc.status.OK
+    assert (
+        rows(jc.report(skew, solved, model=True).tables["nodes"])[2]["held"]
+        == "along (0.707107, 0, 0.707107)"
+    )
+
+
+def test_properties_are_those_of_the_groups_one_row_for_equal_elements(tables):
+    """EA = E b h, EIy = E b h^3 / 12 of the rectangle; E A of the strut."""
+    found = rows(tables["properties"])
+    which = [(row["group"], row["kind"], row["elements"]) for row in found]
+    assert which == [
+        ("beams", "Beams", "0 to 1"),
+        ("ground", "Springs", "0"),
+        ("stays", "Cables", "0"),
+        ("stays", "Cables", "1 to 2"),
+        ("strut", "Bars", "0"),
+    ]
+    beams, ground, first, others, strut = found
+    by_hand = [STEEL * 0.1 * 0.2, STEEL * 0.1 * 0.2**3 / 12, STEEL * 0.2 * 0.1**3 / 12, 5e6]
+    stated = [beams[name] for name in ("EA", "EIy", "EIz", "GJ")]
+    np.testing.assert_allclose(stated, np.array(by_hand) / 1e3, rtol=1e-12)  # kN, kN m2
+    assert "hinges" in beams["also"] and "rectangle" not in beams["also"]
+    assert (first["EA"], others["EA"], first["strength"]) == (1e4, 2e4, 300.0)
+    np.testing.assert_allclose([strut["EA"], strut["weight"]], [STEEL * 2e-3 / 1e3, 0.15])
+    assert strut["A"] == 2e-3 and strut["also"] == "law Elastic" and strut["EIy"] is None
+    assert ground["EA"] is None and ground["also"] == "stiffness 500 kN/m"
+
+
+def test_phases_say_what_they_do(tables):
+    found = [tuple(row) for row in tables["phases"].rows]
+    assert found == [
+        (1, "stays", "increments", "1"),
+        (1, "stays", "states", "jacking 20 kN on stays (element 1 of 3)"),
+        (1, "stays", "applies", "self-weight"),
+        (1, "stays", "elements", "removes strut"),
+        (1, "stays", "elements", "6 of 7 elements active"),
+        (2, "bearing", "increments", "2"),
+        (2, "bearing", "applies", "NodalLoads on 1 node, sum (0, 0, -0.5) kN"),
+        (2, "bearing", "supports", "node 2: along (0.707107, 0, 0.707107)"),
+        (2, "bearing", "elements", "6 of 7 elements active"),
+    ]
+
+
+def test_names_of_phases_come_with_them_or_apart(solution):
+    """A dict names its phases everywhere; without phases there is no table of them."""
+    named = jc.report(BRIDGE, solution, PHASES, since="bearing")
+    assert any(line.startswith("phase 2, bearing:") for line in named.summary)
+    apart = jc.report(BRIDGE, solution, list(PHASES.values()), names=list(PHASES), since="bearing")
+    assert named.text() == apart.text()
+    assert not {"nodes", "properties", "phases"} & set(named.tables)
+    without = jc.report(BRIDGE, solution, model=True).tables
+    assert {"nodes", "properties"} <= set(without) and "phases" not in without
+    other = jc.report(BRIDGE, solution, PHASES, names=["a", "b"], model=True).tables["phases"]
+    assert {row[1] for row in other.rows} == {"a", "b"}
+    with pytest.raises(ValueError, match="phases: 1 of them, the solution has 2"):
+        jc.report(BRIDGE, solution, {"stays": PHASES["stays"]})
+
+
+def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, capsys):
+    jc.save_scene(tmp_path / "bridge.json", (BRIDGE, list(PHASES.values())), units="kN, m")
+    assert main(["solve", str(tmp_path / "bridge.json"), "--report"]) == 0
+    assert "Properties of elements" not in capsys.readouterr().out
+    words = ["solve", str(tmp_path / "bridge.json"), "--report", str(tmp_path / "r.json")]
+    assert main(words) == 0
+    written = json.loads((tmp_path / "r.json").read_text())["tables"]
+    assert list(written)[:3] == ["nodes", "properties", "phases"]
+    assert written["phases"]["rows"][1][3] == "jacking 20 kN on stays (element 1 of 3)"
+
+
+def test_actions_have_the_factors_of_their_kinds():
+    """Factors of EN 1990, tables A1.1, A1.2(B), A2.2 and A2.4(B); ASCE 7 has none by kind."""
+    load = jc.NodalLoads([1], (0.0, 0.0, -1e3))
+    kinds = {
+        "dead": "permanent",
+        "snow": "snow",
+        "crowd": "imposed C",
+        "walkers": "footbridge crowd",
+    }
+    actions = [jc.design.Action(name, kind, load) for name, kind in kinds.items()]
+    combinations = jc.design.combinations(actions)
+    ends = jc.solve(BRIDGE, PHASES["stays"])
+    cases = jc.design.solve_cases(BRIDGE, None, combinations.of_rule("ULS 6.10"), start=ends)
+    chosen = combinations.of_rule("ULS 6.10")
+    written = jc.report(BRIDGE, ends, cases=cases, combinations=chosen).tables
+    found = {
+        row["action"]: [row[name] for name in ("gamma", "psi0", "psi1", "psi2")]
+        for row in rows(written["actions"])
+    }
+    assert found == {
+        "dead": [None] * 4,
+        "snow": [1.5, 0.5, 0.2, 0.0],
+        "crowd": [1.5, 0.7, 0.7, 0.6],
+        "walkers": [1.35, 0.4, 0.4, 0.0],
+    }
+    notes = written["combinations"].notes
+    text = "ULS 6.10: permanent 1.35 or 1, prestress 1, leading gamma, accompanying gamma psi0"
+    assert any(note.startswith(text) for note in notes)
+    assert not any("SLS" in note for note in notes)
+    american = jc.design.combinations(actions[:2], "ASCE 7-16")
+    assert american.kind_factors == ()
+    assert american.rule_factors[0] == "permanent 1.4, prestress 1, temperature 1"
+    assert any("one of (roof live 1.6, snow 1.6, rain 1.6)" in of for of in american.rule_factors)
+
+
+@pytest.mark.parametrize(("letters", "count", "turned"), [("w ", 9, 0), ("w", 9, 1), ("w ", 12, 1)])
+def test_a_table_with_a_text_that_wraps_stays_on_an_upright_page(letters, count, turned):
+    """Of the 470 points of a page each number takes 36; a text that wraps needs 20 characters."""
+    names = ("group", *(f"f{k}" for k in range(count)), "also")
+    units = ("", *["N"] * count, "")
+    table = Table("T", names, units, [["ties", *[1e6] * count, 60 * letters]])
+    (part,) = make_document([], {"t": table}, None, Heading(), {}, None).tables[0].parts
+    assert part.landscape == bool(turned)
