@@ -241,7 +241,8 @@ def _add_plot(commands):
     _add_save_option(command, text)
     text = (
         "what to draw: tension (default), utilization (force / breaking force) or another result "
-        "as colors; N, Vy, Vz, T, My, Mz as diagrams on beams"
+        "as colors; N, Vy, Vz, T, My, Mz as diagrams on beams; model: the structure with numbers "
+        "of nodes and elements, without an analysis"
     )
     command.add_argument("--of", default="tension", metavar="RESULT", help=text)
     text = "direction of view (default: by the shape of the structure)"

@@ -1,4 +1,4 @@
-"""``plot``: analyse a scene and draw it, without a report."""
+"""``plot``: draw a scene, after its analysis or before, without a report."""
 
 from __future__ import annotations
 
@@ -13,18 +13,22 @@ from ..common.units import Units
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
 from ..plots.style import RENAMED_COLORS
-from . import file_names, outputs
-from .guard import BadInput, print_message
+from . import file_names, inputs, outputs
+from .guard import BadInput, print_message, refuse_value_errors
 from .solving import solve_and_show
+
+_MODEL = "model"
+"""What `--of` names for a picture of the structure before any analysis."""
 
 
 def run(options: Namespace) -> int | None:
     """Analyse the scene that options name and draw it; return 1 if the analysis fails."""
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
-        if diagram and getattr(options, name):
+        if (diagram or options.of == _MODEL) and getattr(options, name):
             raise BadInput(
-                f"--{name}: not for diagrams; give --of tension, or another result shown as colors"
+                f"--{name}: not for diagrams and --of {_MODEL}; give --of tension, or another "
+                "result shown as colors"
             )
     if options.sequence and options.reactions:
         raise BadInput("--reactions: not with --sequence")
@@ -32,6 +36,15 @@ def run(options: Namespace) -> int | None:
     path = outputs.check_output_file(
         options.save, outputs.PICTURES, usual=usual, inputs=[options.scene]
     )
+
+    if options.of == _MODEL:
+        scene = inputs.read_scene(options)
+        units = inputs.shown_units(options, scene)
+        with refuse_value_errors(options.scene):
+            picture = plots.model(scene.structure, view=options.view, units=units)
+        outputs.save_picture(picture, path)
+        print(f"wrote {path}")
+        return None
 
     def draw(structure: Structure, solution: Solution, units: Units | None) -> Figure | None:
         if int(solution.status) != status.OK:

@@ -15,6 +15,7 @@ from .diagrams import diagram
 from .envelopes import envelope_diagram
 from .histories import history
 from .increments import increments
+from .model_pictures import model
 from .nets import net
 from .paths import path
 from .report_pictures import for_report
@@ -30,6 +31,7 @@ __all__ = [
     "for_report",
     "history",
     "increments",
+    "model",
     "net",
     "path",
     "section",

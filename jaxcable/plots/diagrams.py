@@ -39,7 +39,7 @@ from .ordinates import (
     write_values,
 )
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SERIES, SIZE, finish_figure, quantity_unit
+from .style import GHOST, INK, SERIES, finish_figure, quantity_unit
 from .symbols import draw_supports, support_legend
 from .views import View, choose_view
 
@@ -127,8 +127,6 @@ def diagram(
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_legend(held)
     finish_layout(figure, slots, *found.color_bar(), handles)
-    for text in axes.texts:
-        text.set_fontsize(0.85 * SIZE)
     return finish_figure(figure, path)
 
 

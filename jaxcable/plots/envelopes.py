@@ -14,13 +14,12 @@ from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..common import checks
-from ..common.types import Bool, Float, Int
-from ..common.units import SI, Units, UnitsLike, as_units
+from ..common.units import SI, UnitsLike, as_units
 from ..design.result_envelopes import ResultEnvelope
 from ..elements import Beams
 from ..elements.abilities import Bending
 from ..elements.element import SECTION_FORCES
-from ..model.result_parts import end_nodes, straight_pieces
+from ..model.result_parts import end_nodes
 from ..model.structure import Structure
 from .diagrams import MOMENTS
 from .element_forces import concatenate_values, values_by_group
@@ -34,9 +33,9 @@ from .ordinates import (
     side_directions_in_picture,
     write_values,
 )
-from .style import GHOST, INK, SERIES, SIZE, color_map, finish_figure, quantity_unit
-from .symbols import draw_supports, support_kinds, support_legend
-from .views import View, choose_view
+from .style import GHOST, INK, SERIES, color_map, finish_figure, quantity_unit
+from .symbols import draw_supports, support_legend
+from .undeformed import UndeformedStructure
 
 _HIGH = 0.12  # length of the largest value over the extent of the structure, as of `diagram`
 _LABELS, _APART = 9, 0.12  # values that are written, and their distance over the extent
@@ -114,7 +113,7 @@ def envelope_diagram(
         raise ValueError(f"high = {high!r}: must be positive")
     if len(envelope.failed) == len(envelope.names):
         raise ValueError("envelope: no case has converged")
-    stage = _Stage(structure, view, stated)
+    stage = UndeformedStructure(structure, view, stated)
     if of in SECTION_FORCES.components:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":
@@ -127,33 +126,7 @@ def envelope_diagram(
         handles += support_legend(stage.held)
     mappable, label = bar
     finish_layout(figure, slots, mappable, label, handles)
-    for text in (text for axes in figure.axes for text in axes.texts):
-        text.set_fontsize(0.85 * SIZE)
     return finish_figure(figure, path)
-
-
-class _Stage:
-    """A structure as it is in the input: what all these pictures draw of it."""
-
-    def __init__(self, structure: Structure, view: str | None, units: Units | None):
-        self.structure, self.units = structure, units
-        self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
-        self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
-        self.links: Int[np.ndarray, "n_piece 2"]
-        self.links, self.element, _ = straight_pieces(structure.groups)
-        self.extent = float(np.ptp(self.nodes, axis=0).max())
-        fixed = np.asarray(structure.supports.fixed(structure.n_node))
-        kinds = support_kinds(fixed, structure.rotating_nodes(), self.view.normal)
-        on_ground = np.zeros(len(self.nodes), bool)
-        for group in structure.groups:
-            if group.links.shape[1] == 1:
-                on_ground[group.links.array] = True
-        held = [*kinds, on_ground & ~kinds.any(axis=0)]
-        self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
-
-    def add_lines(self, axes, positions, **look):
-        """Draw all elements as straight lines between nodes at some positions."""
-        return self.view.add_lines(axes, self.view.project(positions)[self.links], **look)
 
 
 class _Extreme(NamedTuple):

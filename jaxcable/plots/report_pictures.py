@@ -14,6 +14,7 @@ from ..common.units import UnitsLike
 from ..design import envelope, utilization
 from ..model.structure import Structure
 from .envelopes import envelope_diagram
+from .model_pictures import model
 from .nets import net
 
 _ROUNDING = 1e-7  # of the largest section force of a kind: less is not drawn
@@ -27,7 +28,7 @@ def for_report(
     names: Sequence[str] | None = None,
     units: UnitsLike | None = None,
 ) -> dict[str, Figure]:
-    """Draw the pictures of a report: the structure with its forces, and what governs over cases.
+    """Draw the pictures of a report: the structure, its forces, and what governs over cases.
 
     With cases there are their displacements, the structure in the case with the largest
     utilization, and envelopes of the section forces of beams, as far as there are such.
@@ -53,12 +54,14 @@ def for_report(
     >>> structure, phases = jc.scenes.flat_net()
     >>> pictures = jc.plots.for_report(structure, jc.solve(structure, phases))
     >>> list(pictures)
-    ['Structure, final state of the phases']
+    ['Structure: groups, nodes and elements', 'Forces, final state of the phases']
     """
     if int(solution.status) != status.OK:
         return {}
-    caption = "Structure, final state of the phases"
-    found = {caption: net(solution, structure=structure, units=units)}
+    found = {
+        "Structure: groups, nodes and elements": model(structure, units=units),
+        "Forces, final state of the phases": net(solution, structure=structure, units=units),
+    }
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
         return found
     extremes = envelope(structure, cases, names)

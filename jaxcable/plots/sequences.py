@@ -18,7 +18,7 @@ from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line
 from .layout import arrange_pictures, finish_layout
 from .nets import StagePicture
 from .snapshots import Snapshots
-from .style import SIZE, accepts_old_spelling, finish_figure
+from .style import accepts_old_spelling, finish_figure
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
@@ -125,8 +125,6 @@ def sequence(
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
     bar, label = content.color_bar()
     finish_layout(figure, slots, bar, label, handles, columns if seen.flat else None)
-    for text in (text for axes in figure.axes for text in axes.texts):  # the numbers of diagrams
-        text.set_fontsize(0.7 * SIZE)
     return finish_figure(figure, path)
 
 

@@ -14,6 +14,7 @@ from ..common.units import Units
 from ..elements import Bearings, Springs
 from ..elements.beam_element import BeamElement
 from ..elements.element import Element
+from ..elements.straight import Straight
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
@@ -120,20 +121,21 @@ def _stiffnesses_of(group: Element) -> list[Float[np.ndarray, " n_elem"]]:
     names = (name for name, _ in (*_STIFFNESSES, *_SHEAR))
     found: dict[str, Any] = dict.fromkeys(names, np.nan)
     section = group.section
+    beam = group if isinstance(group, BeamElement) else None
     if section is not None:
         matrix = np.asarray(section.stiffness(), float)
         found["EA"] = matrix[..., 0, 0]
-    if isinstance(group, BeamElement):
-        found["EIy"], found["EIz"] = matrix[..., 1, 1], matrix[..., 2, 2]
-        given = group.torsional_stiffness
-        found["GJ"] = group.section.torsional_stiffness() if given is None else given
+        if beam is not None:
+            found["EIy"], found["EIz"] = matrix[..., 1, 1], matrix[..., 2, 2]
+            given = beam.torsional_stiffness
+            found["GJ"] = section.torsional_stiffness() if given is None else given
     for name in ("GAy", "GAz"):
         found[name] = _number_or_nan(section, name)
     stated = _number_or_nan(group, "axial_stiffness")
     found["EA"] = np.where(np.isnan(stated), found["EA"], stated)
-    law = getattr(group, "law", None)
-    if law is not None and group.area is not None:
-        found["EA"] = np.asarray(law.modulus, float) * np.asarray(group.area, float)
+    straight = group if isinstance(group, Straight) else None
+    if straight is not None and straight.law is not None:
+        found["EA"] = np.asarray(straight.law.modulus, float) * np.asarray(straight.area, float)
     return [np.broadcast_to(np.asarray(value, float), count) for value in found.values()]
 
 
@@ -155,9 +157,9 @@ def _numbers_of(group):
 def _further_properties(group, units):
     """Return what else elements have, in words: fibres, laws, stiffness of springs; or None."""
     parts = []
-    law = getattr(group, "law", None)
-    if law is not None:
-        parts.append(f"law {type(law).__name__}")
+    straight = group if isinstance(group, Straight) else None
+    if straight is not None and straight.law is not None:
+        parts.append(f"law {type(straight.law).__name__}")
     section = group.section
     if section is not None and section.n_fibre:
         laws = dict.fromkeys(type(one).__name__ for one in section.laws)
@@ -166,8 +168,9 @@ def _further_properties(group, units):
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
     if group.hinges is not None:
         parts.append("hinges")
-    if isinstance(group, Springs | Bearings):
-        parts.append(f"stiffness {range_with_unit(group.stiffness, 'N/m', units)}")
+    spring = group if isinstance(group, Springs | Bearings) else None
+    if spring is not None:
+        parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
 
 

@@ -72,6 +72,8 @@ PICTURES = {
     "net, space": lambda r: jc.plots.net(r.taut, view="space", loads=False, supports=False),
     "net, utilization": lambda r: jc.plots.net(r.taut, color="utilization", structure=r.strong),
     "net, failed": lambda r: jc.plots.net(r.failed, state=r.failed.last),
+    "model": lambda r: jc.plots.model(r.structure),
+    "model, space": lambda r: jc.plots.model(r.structure, view="space", units="kip, ft"),
     "path": lambda r: jc.plots.path(r.taut.phases[1].path, 3, axis="-z"),
     "section": lambda r: jc.plots.section(jc.Section.disc(0.05, jc.Elastic(1e9), (3, 8))),
     "increments": lambda r: jc.plots.increments(r.slack),
@@ -139,8 +141,9 @@ def test_axes_have_units_and_the_legend_is_beside_them(pictures, name):
 
 
 def test_axes_of_geometry_are_equal(pictures):
-    for name in ("net", "net, plane", "net, space"):
-        for axes in pictures[name].axes[:-1]:
+    for name in ("net", "net, plane", "net, space", "model", "model, space"):
+        bar = not name.startswith("model")  # the last axes are those of the color bar
+        for axes in pictures[name].axes[: -1 if bar else None]:
             if axes.name == "3d":
                 limits = [np.ptp(getattr(axes, f"get_{own}lim")()) for own in "xyz"]
                 assert np.ptp(axes.get_box_aspect() / np.array(limits)) < 1e-9

@@ -1,0 +1,161 @@
+"""A picture of a structure before any analysis: groups, supports, numbers of nodes and elements."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, Stroke
+from mpl_toolkits.mplot3d import proj3d
+
+from ..common.types import Bool, Float
+from ..common.units import UnitsLike, as_units
+from ..elements import Beams
+from ..model.result_parts import named_groups_of
+from ..model.structure import Structure
+from .element_lines import line_width
+from .layout import arrange_pictures, finish_layout
+from .style import INK, SERIES, SIZE, STYLES, finish_figure
+from .symbols import draw_supports, support_legend
+from .undeformed import UndeformedStructure
+from .views import choose_view
+
+_WIDE, _HIGH = 0.65, 1.0  # width of a digit and height of a number, over the size of text
+_SHIFT = 0.7  # distance of the number of a node from the node, to the right and up, likewise
+_THIN = 0.6  # width of lines over that of other pictures, so that numbers can be read on them
+_HALO = [Stroke(linewidth=2.0, foreground="white"), Normal()]
+
+
+def model(
+    structure: Structure,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    numbers: bool = True,
+    view: str | None = None,
+    supports: bool = True,
+    units: UnitsLike | None = None,
+) -> Figure:
+    """Draw a structure as it is in the input: its groups, supports, and numbers.
+
+    Numbers of nodes are black, beside their nodes; those of elements have the color of their group,
+    in which they count from 0, and are at its middle. A number that would cover another one is left
+    out, and the title says how many are.
+
+    Args:
+        structure: `Structure`.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        numbers: whether to write the numbers.
+        view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
+            vertical plane, plan of one that is low, else space.
+        supports: whether to mark supports.
+        units: units of the coordinates, as of `net`.
+
+    Returns:
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
+
+    Raises:
+        ValueError: an unknown view; unknown units.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> structure = jc.scenes.flat_net().structure
+    >>> figure = jc.plots.model(structure)
+    >>> len([text for text in figure.axes[0].texts if text.get_text() == "5"])  # node and element
+    2
+    """
+    if view is None and choose_view(np.asarray(structure.nodes, float)).kind == "plan":
+        view = "plan"  # of a structure that is low
+    stage = UndeformedStructure(structure, view, None if units is None else as_units(units))
+    figure, slots = arrange_pictures([stage.view], [stage.nodes], ["structure: " + stage.view.kind])
+    (axes,) = figure.axes
+    width = _THIN * line_width(len(stage.links))
+    handles: list[Any] = []
+    for number, (label, group) in enumerate(named_groups_of(structure)):
+        look = _look(number)
+        own = stage.links[stage.group == number]
+        wide = (1.6 if isinstance(group, Beams) else 1.0) * width
+        ends = stage.view.project(stage.nodes)[own]
+        stage.view.add_lines(axes, ends, linewidths=wide, zorder=3, **look)
+        count = len(group.links)
+        text = f"{label}: {count} {type(group).__name__}".removeprefix(": ")
+        handles.append(Line2D([], [], linewidth=wide, label=text, **look))
+    if supports:
+        draw_supports(axes, stage.view, stage.nodes, stage.held)
+        handles += support_legend(stage.held)
+    finish_layout(figure, slots, None, "", handles)
+    left_out = _write_numbers(axes, stage) if numbers else 0
+    if left_out:
+        text = f"{axes.get_title()}, without {left_out} numbers that would cover others"
+        axes.title.set_text(text)  # where the layout has put it
+    return finish_figure(figure, path)
+
+
+def _look(number):
+    """Return color and line style of a group by its number, a dict."""
+    style = STYLES[number // len(SERIES) % len(STYLES)]
+    return {"color": SERIES[number % len(SERIES)], "linestyle": style}
+
+
+def _write_numbers(axes, stage):
+    """Write numbers of nodes and elements that do not cover each other; return how many others."""
+    texts, places, colors, shifts = [], [], [], []
+    for k, position in enumerate(stage.nodes):
+        texts.append(str(k))
+        places.append(position)
+        colors.append(INK)
+        shifts.append((_SHIFT, _SHIFT))
+    for number, group in enumerate(stage.structure.groups):
+        for k, chain in enumerate(group.links.array):
+            texts.append(str(k))
+            places.append(stage.nodes[np.unique(chain)].mean(axis=0))
+            colors.append(_look(number)["color"])
+            shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
+    at = _in_picture(axes, stage.view, np.array(places))
+    kept = _apart(axes, at, texts, SIZE * np.array(shifts))
+    for k in np.flatnonzero(kept):
+        axes.annotate(
+            texts[k],
+            at[k],
+            SIZE * np.array(shifts[k]),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            color=colors[k],
+            zorder=9,
+            path_effects=_HALO,
+            annotation_clip=False,
+        )
+    return int((~kept).sum())
+
+
+def _in_picture(
+    axes: Any, view: Any, positions: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 2"]:
+    """Return where positions, m, are in the plane of a picture, in the data units of its axes."""
+    seen = view.project(positions)
+    if view.flat:
+        return seen
+    return np.transpose(proj3d.proj_transform(*seen.T, axes.get_proj())[:2])
+
+
+def _apart(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
+    """Return which texts are written: the first ones that cover no earlier one.
+
+    They are `shifts` points from where they belong, `at`, in the data units of the axes.
+    """
+    points = axes.transData.transform(at) * 72 / axes.figure.dpi + shifts
+    half = 0.5 * SIZE * np.array([[_WIDE * len(text), _HIGH] for text in texts])
+    kept: list[int] = []
+    for k in range(len(texts)):
+        others = np.array(kept, int)
+        near = np.abs(points[others] - points[k]) < half[others] + half[k]
+        if not near.all(axis=1).any():
+            kept.append(k)
+    found = np.zeros(len(texts), bool)
+    found[kept] = True
+    return found

@@ -1,0 +1,54 @@
+"""A structure as it is in the input, as several pictures draw it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+
+from ..common.types import Bool, Float
+from ..common.units import SI, Units
+from ..model.result_parts import straight_pieces
+from ..model.structure import Structure
+from .symbols import support_kinds
+from .views import View, choose_view
+
+
+class UndeformedStructure:
+    """A structure as it is in the input, and the view in which pictures draw it.
+
+    Args:
+        structure: `Structure`.
+        view: "plan", "elevation", "space", or None for elevation of a structure in a vertical
+            plane, else space.
+        units: `Units` of the coordinates, None for SI.
+
+    Attributes:
+        structure, units, view: as above; the view is a `View`.
+        nodes: positions of its nodes, m.
+        links, element, group: its straight pieces, as of `straight_pieces`.
+        extent: its largest extent along an axis, m.
+        held: which nodes are supported in which way, as of `support_kinds`, and by the ground.
+    """
+
+    def __init__(self, structure: Structure, view: str | None, units: Units | None):
+        self.structure, self.units = structure, units
+        self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
+        self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
+        self.links, self.element, self.group = straight_pieces(structure.groups)
+        self.extent = float(np.ptp(self.nodes, axis=0).max())
+        fixed = np.asarray(structure.supports.fixed(structure.n_node))
+        kinds = support_kinds(fixed, structure.rotating_nodes(), self.view.normal)
+        on_ground = np.zeros(len(self.nodes), bool)
+        for group in structure.groups:
+            if group.links.shape[1] == 1:
+                on_ground[group.links.array] = True
+        held = [*kinds, on_ground & ~kinds.any(axis=0)]
+        self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
+
+    def add_lines(
+        self, axes: Any, positions: Float[np.ndarray, "... 3"], **look: Any
+    ) -> LineCollection:
+        """Draw all elements as straight lines between nodes at some positions, [n_node, 3], m."""
+        return self.view.add_lines(axes, self.view.project(positions)[self.links], **look)
