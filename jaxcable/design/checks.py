@@ -74,7 +74,7 @@ class CheckResult:
         return jnp.max(self.utilization)
 
 
-@pytree(static=("names",))
+@pytree(static=("names", "not_made"))
 class Checks:
     """Checks of load cases: result of `checks`.
 
@@ -83,6 +83,7 @@ class Checks:
         status: status codes of the cases, [n_case].
         stable: whether the cases end in a stable equilibrium, [n_case].
         names: of the cases.
+        not_made: checks of the standard for which no case counts, in words.
 
     Example:
         >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
@@ -102,6 +103,7 @@ breaking strength
     status: Int[Array, " n_case"]
     stable: Bool[Array, " n_case"]
     names: tuple[str, ...]
+    not_made: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> CheckResult:
         """Return the result of a check by its name."""
@@ -172,6 +174,8 @@ breaking strength
             )
         if self.failed:
             lines.append(f"NOT CHECKED, the analysis has failed: {', '.join(self.failed)}")
+        if self.not_made:
+            lines.append(f"NOT MADE: {'; '.join(self.not_made)}")
         if self.unstable:
             lines.append(f"UNSTABLE at the end: {', '.join(self.unstable)}")
         return "\n".join(lines)
@@ -242,22 +246,23 @@ EN 1993-1-11:2006, 7.2
     names = tuple(f"case {k}" for k in range(count)) if names is None else tuple(map(str, names))
     if len(names) != count or len(set(names)) < count:
         raise ValueError(f"names: expected {count} different ones, one for each case")
-    results = [
-        _result_of_check(one, structure, solutions, combinations)
-        for one in _list_of_checks(rules, combinations)
-    ]
-    return Checks(results, solutions.status, solutions.stable, names)
+    made, not_made = _list_of_checks(rules, combinations)
+    results = [_result_of_check(one, structure, solutions, combinations) for one in made]
+    return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
 def _list_of_checks(rules, combinations):
-    """Return the checks that rules stand for, a list."""
+    """Return the checks that rules stand for, a list, and which of a standard count no case."""
     if isinstance(rules, str):
         arguments.require_one_of(rules, "rules", list(RULES))
         found = [make() for make in RULES[rules]]
         states = () if combinations is None else (*combinations.limit_states, *combinations.rules)
         known = [one for one in found if set(one.of) & set(states)]
         # without combinations all cases are taken for ultimate ones: the first check alone
-        return known or found[:1]
+        known = known or found[:1]
+        names = [one.name for one in known]
+        others = [one for one in found if one.name not in names]
+        return known, tuple(f"{one.name}, without cases of {' or '.join(one.of)}" for one in others)
     found = [rules] if isinstance(rules, Check) else rules
     if not isinstance(found, list | tuple) or not found:
         kind = arguments.describe_type(rules, "[CableResistance()]")
@@ -273,7 +278,7 @@ def _list_of_checks(rules, combinations):
                 "name=..."
             )
         known[one.name] = k
-    return list(found)
+    return list(found), ()
 
 
 def _counted_cases(check, combinations, count):

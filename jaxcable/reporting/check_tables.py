@@ -44,6 +44,8 @@ def check_sentences(checks: Checks) -> list[str]:
         lines.append(f"NOT passed, UNSTABLE at the end: {', '.join(checks.unstable)}")
     if not lines:
         lines.append(f"all {count} checks passed, largest utilization {float(checks.largest):.3f}")
+    if checks.not_made:
+        lines.append(f"NOT MADE: {'; '.join(checks.not_made)}")
     left_out = dict.fromkeys(one.not_covered for one in checks.results if one.not_covered)
     if left_out:
         lines.append(f"NOT covered by these checks: {'; '.join(left_out)}; and what has no check")

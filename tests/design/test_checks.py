@@ -398,3 +398,25 @@ def test_what_a_check_leaves_out_is_said(cases):
         frame = jc.Structure(nodes, members, jc.clamped([0]) + jc.pinned([2]))
         section = design.MemberSection(profile=TUBE, yield_strength=STEEL)
         section.chosen(frame)
+
+
+def test_a_check_of_the_standard_that_no_case_counts_for_is_named(cases):
+    """Without combinations, and with ultimate ones alone, service stresses are not checked."""
+    text = "cable service stress, without cases of serviceability or allowable stress"
+    ultimate = CASES.of_limit_state("ultimate")
+    own = jax.tree.map(
+        lambda x: x[np.array([state == "ultimate" for state in CASES.limit_states])], cases
+    )
+    for found in (
+        design.checks(stayed(), own, combinations=ultimate),
+        design.checks(stayed(), own),
+    ):
+        assert [one.name for one in found.results] == ["cable resistance"]
+        assert found.not_made == (text,)
+        assert f"NOT MADE: {text}" in str(found)
+    begin = jc.solve(stayed(), CALM)
+    summary = jc.report(stayed(), begin, cases=own, checks=found).summary
+    assert any(line.startswith("NOT MADE: cable service stress") for line in summary)
+    assert any(line.startswith("all 1 checks passed") for line in summary)
+    every = design.checks(stayed(), cases, combinations=CASES)
+    assert every.not_made == () and "NOT MADE" not in str(every)
