@@ -21,7 +21,7 @@ test: $(VENV)/installed-test
 test-all: test test-more
 
 # the second part once more where XLA fuses loops (jaxcable.fuse_loops); with TEST_PART=1/32 only a
-# thirty-second of the slow tests
+# thirty-second of the slow tests, and an eighth of those with fused loops
 MORE := slow
 FUSED := fused transforms net_bank batches gradients_two_phases failures stages
 test-more: $(VENV)/installed-test

@@ -24,7 +24,10 @@ if FUSED:
     assert fusion.request_fused_loops()
 
 PART = os.environ.get("TEST_PART")
-"""Which part of the slow tests to run, such as "1/8": part 1 of the parts 0 to 7; None for all."""
+"""Which part of the slow tests to run, such as "1/8": part 1 of the parts 0 to 7; None for all.
+
+Of all tests with fused loops it is the same part, or one of `FUSED_PARTS` if there are more."""
+FUSED_PARTS = 8
 
 import choose_tests
 import jax
@@ -61,8 +64,9 @@ def pytest_collection_modifyitems(config, items):
         if choose_tests.is_left_out(name, out):
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.listed)
-    if PART is not None and not FUSED:
-        items[:] = [item for item in items if not item.get_closest_marker("slow") or in_part(item)]
+    if PART is not None:
+        parted = (lambda item: True) if FUSED else (lambda item: item.get_closest_marker("slow"))
+        items[:] = [item for item in items if not parted(item) or in_part(item)]
     whole = [str(pathlib.Path(name)) for name in config.args] in (["tests"], [str(config.rootpath)])
     config.stash[choose_tests.UNKNOWN] = out - seen if whole else None
 
@@ -70,6 +74,9 @@ def pytest_collection_modifyitems(config, items):
 def in_part(item):
     """Return whether a test is in `PART`; all cases of a function are in the same one."""
     number, count = map(int, PART.split("/"))
+    if FUSED:
+        count = min(count, FUSED_PARTS)
+        number %= count
     return zlib.crc32(item.nodeid.partition("[")[0].encode()) % count == number
 
 
