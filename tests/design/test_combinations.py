@@ -148,6 +148,33 @@ def test_flat_roof_of_a_textbook():
     assert load.max() == pytest.approx(46.8) and load.min() == pytest.approx(-3.1)
 
 
+def test_the_lists_of_another_program():
+    """All combinations that Dlubal prints for two examples of EN 1990: eight, and three with three.
+
+    FAQ 002341: permanent, an imposed load of factor 1.35, and two imposed loads that act without
+    psi0 beside each other; manual of RF-CONCRETE Members, 004675: permanent and two imposed loads
+    with psi2 = 0.6, which leaves out the permanent load alone.
+    """
+    rules = combination_rules("EN 1990")
+    rules["kinds"] = {
+        "imposed": {"psi": [1.0, 0.7, 0.6]},
+        "screed": {"psi": [1.0, 1.0, 1.0], "gamma": 1.35},
+    }
+    rules["combinations"]["ULS 6.10"]["permanent"] = [1.35]
+    lasting = [G, action("LF2", "screed"), action("LF3", "imposed"), action("LF4", "imposed")]
+    printed = {
+        *((1.35, 0, 0, 0), (1.35, 1.35, 0, 0), (1.35, 0, 1.5, 0), (1.35, 0, 1.5, 1.5)),
+        *((1.35, 0, 0, 1.5), (1.35, 1.35, 1.5, 0), (1.35, 1.35, 1.5, 1.5), (1.35, 1.35, 0, 1.5)),
+    }
+    found = combinations(lasting, rules, which="ULS 6.10")
+    assert len(found) == len(printed) == 8 and factors(found, "ULS 6.10") == printed
+    found = combinations([lasting[0], *lasting[2:]], rules)
+    ultimate = {(1.35, 1.5, 1.5), (1.35, 1.5, 0), (1.35, 0, 1.5)}
+    assert factors(found, "ULS 6.10") == ultimate | {(1.35, 0, 0)}
+    lasting_part = {(1, 0.6, 0.6), (1, 0.6, 0), (1, 0, 0.6)}
+    assert factors(found, "SLS quasi-permanent") == lasting_part | {(1, 0, 0)}
+
+
 def test_accidental_and_rules_of_a_user(tmp_path):
     """One accidental action each; (6.10a), (6.10b) on request; an annex as a dict and a file."""
     actions = [G, S, W, *(Action(n, "accidental", DOWN) for n in ("stay 1", "stay 2"))]
