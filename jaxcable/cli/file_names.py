@@ -21,12 +21,15 @@ RESULT = {
 _FORCES = "group,element,first,last,at first ("
 REPORT: dict[str, str | tuple[str, ...]] = {
     "summary": "of,note",
+    "geometry": "node,x (",
+    "properties": "group,kind,elements,EA (",
+    "phases": "phase,name,what,text",
     "displacements": "node,phase,ux (",
     "displacement_envelope": "node,min ux (",
     "groups": "group,elements,lowest (",
     "reactions": ("node,Rx (", "node,by,Rx ("),
     "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
-    "actions": "action,kind,acts,in phases,together",
+    "actions": "action,kind,acts,gamma (",
     "combinations": "combination,limit state,actions,status,named,clause",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
@@ -46,9 +49,9 @@ REPORT: dict[str, str | tuple[str, ...]] = {
 
 _UNITLESS = (
     "summary",
+    "phases",
     "slack",
     "loose",
-    "actions",
     "combinations",
 )  # no column has a unit: the whole line must be that
 

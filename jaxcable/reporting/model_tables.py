@@ -40,11 +40,11 @@ _SHEAR = ("GAy", "N"), ("GAz", "N")
 def model_tables(
     structure: Structure, phases: Sequence[Phase] | None, names: Sequence[str], units: Units | None
 ) -> dict[str, Table]:
-    """Return the tables ``nodes``, ``properties`` and, if `phases` are given, ``phases``.
+    """Return the tables ``geometry``, ``properties`` and, if `phases` are given, ``phases``.
 
     `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
     """
-    found = {"nodes": _node_table(structure), "properties": _property_table(structure, units)}
+    found = {"geometry": _node_table(structure), "properties": _property_table(structure, units)}
     if phases is not None:
         found["phases"] = _phase_table(structure, phases, names, units)
     return found

@@ -91,7 +91,7 @@ def report(
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
             and a table of them.
         checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
-        model: whether there are tables of what was analysed: ``nodes`` with supports,
+        model: whether there are tables of what was analysed: ``geometry`` with supports,
             ``properties`` of elements, and, if they are given, ``phases``.
 
     Returns:

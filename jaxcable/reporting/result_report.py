@@ -57,7 +57,7 @@ class Report:
         summary: sentences on the whole analysis.
         tables: dict from name to `Table`; empty if nothing has converged:
 
-            - ``nodes``, ``properties``, ``phases``: what was analysed, if asked for by `model`;
+            - ``geometry``, ``properties``, ``phases``: what was analysed, if asked for by `model`;
             - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
               sum, and that of the loads;
             - ``reaction_envelope``: smallest and largest value of every component over cases, with

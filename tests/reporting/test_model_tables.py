@@ -51,14 +51,14 @@ def rows(table):
 
 
 def test_nodes_have_their_positions_and_supports(tables):
-    found = rows(tables["nodes"])
+    found = rows(tables["geometry"])
     assert [[row[axis] for axis in "xyz"] for row in found] == NODES
     assert [row["held"] for row in found] == ["x y z rx ry rz", None, None, "x y z"]
     skew = jc.Structure(NODES, GROUPS, supports=AFTER)
     solved = jc.solve(skew, PHASES["stays"])
     assert int(solved.status) == jc.status.OK
     assert (
-        rows(jc.report(skew, solved, model=True).tables["nodes"])[2]["held"]
+        rows(jc.report(skew, solved, model=True).tables["geometry"])[2]["held"]
         == "along (0.707107, 0, 0.707107)"
     )
 
@@ -106,9 +106,9 @@ def test_names_of_phases_come_with_them_or_apart(solution):
     assert any(line.startswith("phase 2, bearing:") for line in named.summary)
     apart = jc.report(BRIDGE, solution, list(PHASES.values()), names=list(PHASES), since="bearing")
     assert named.text() == apart.text()
-    assert not {"nodes", "properties", "phases"} & set(named.tables)
+    assert not {"geometry", "properties", "phases"} & set(named.tables)
     without = jc.report(BRIDGE, solution, model=True).tables
-    assert {"nodes", "properties"} <= set(without) and "phases" not in without
+    assert {"geometry", "properties"} <= set(without) and "phases" not in without
     other = jc.report(BRIDGE, solution, PHASES, names=["a", "b"], model=True).tables["phases"]
     assert {row[1] for row in other.rows} == {"a", "b"}
     with pytest.raises(ValueError, match="phases: 1 of them, the solution has 2"):
@@ -122,7 +122,7 @@ def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, ca
     words = ["solve", str(tmp_path / "bridge.json"), "--report", str(tmp_path / "r.json")]
     assert main(words) == 0
     written = json.loads((tmp_path / "r.json").read_text())["tables"]
-    assert list(written)[:3] == ["nodes", "properties", "phases"]
+    assert list(written)[:3] == ["geometry", "properties", "phases"]
     assert written["phases"]["rows"][1][3] == "jacking 20 kN on stays (element 1 of 3)"
 
 
