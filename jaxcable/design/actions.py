@@ -100,7 +100,7 @@ class Action:
     def has_parts(self) -> bool:
         """Whether there is something that a case can add: loads, changes, or lost elements."""
         parts = self.loads, self.temperature, self.shortening, self.removes
-        return any(part is not None and part != [] for part in parts)
+        return any(part is not None and not (isinstance(part, list) and not part) for part in parts)
 
     def __str__(self) -> str:
         return f"{self.name} ({self.kind})"

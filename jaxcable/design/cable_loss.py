@@ -22,6 +22,7 @@ from ..loads import NodalLoads
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
+from ..model.topology import require_same_topology
 from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .actions import Action
 from .arguments import require_structure
@@ -103,8 +104,9 @@ def loss_of_cable(
         [0] [[37500.     0.]]
     """
     require_structure(structure)
-    lost = _lost_elements(elements, structure)
     state, sound = _checked_state(solution)
+    require_same_topology(structure, state.topology, "solution")
+    lost = _lost_elements(elements, structure)
     _require_active(structure, state, lost)
     text = "expected a finite number of at least 1"
     rule = Rule(
@@ -130,6 +132,7 @@ def _lost_elements(elements, structure):
             "elements: are topology and cannot be traced; give indices or NumPy booleans"
         )
     if not isinstance(chosen, WholeGroups):
+        _require_groups(chosen, structure)
         pairs = zip(
             structure.named_groups(), value_per_group(chosen, structure, "elements"), strict=True
         )
@@ -139,6 +142,18 @@ def _lost_elements(elements, structure):
     if not any(mask.any() for mask in masks):
         raise ValueError("elements: no element is lost; name at least one")
     return masks
+
+
+def _require_groups(chosen, structure):
+    """Raise ValueError if a choice of elements does not say of which of several groups they are."""
+    kinds = [dict] if isinstance(structure.elements, dict) else [list, tuple]
+    kinds.append(type(structure.elements))
+    if len(structure.groups) > 1 and chosen is not None and not isinstance(chosen, tuple(kinds)):
+        keys = ", ".join(key for key, _ in structure.named_groups())
+        raise ValueError(
+            f"elements: expected a choice by group, such as {{'stays': [1]}}, or names of groups; "
+            f"the structure has {keys}"
+        )
 
 
 def _as_selection(given, where):
