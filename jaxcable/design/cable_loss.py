@@ -40,24 +40,25 @@ def loss_of_cable(
 ) -> Action:
     """Return the sudden loss of cables as an accidental action, with its dynamic effect.
 
-    The action removes the elements, and loads the nodes that they were attached to: with the forces
-    that the elements exert on them in `solution`, reversed, times ``dynamic_factor - 1``. In a
-    linear structure every effect, be it a displacement, a force or a reaction, is then::
+    The action removes the elements, and loads the nodes that they were attached to with the forces
+    that they exert on them in `solution`, reversed, times ``dynamic_factor - 1``. In a linear
+    structure every effect beside them, be it a displacement, a force or a reaction, is then::
 
         E = E_before + dynamic_factor (E_after - E_before)
 
-    with the static states before and after the loss. Nonlinear structures are analysed under these
-    forces as they are: remaining cables may become slack.
+    with the static states before and after the loss; this holds for the supports that held the lost
+    elements, too. Nonlinear structures are analysed as they are: remaining cables may become slack.
+    A structure that needs the elements to keep its shape takes a transient analysis instead.
 
     The forces are those at the ends of the deformed elements: tensions of cables and sliding
-    cables, end forces of catenaries, forces and moments of beams. The loads on the elements go with
-    them, weight included, and so the forces have their shares at the nodes.
+    cables, end forces of catenaries, forces and moments of beams. Loads on the elements, weight
+    included, go with them: the forces contain their shares at the nodes.
 
-    One mass on springs without damping swings to twice its new displacement, hence 2.0. Standards
-    have factors from 1.5 to 2.0; that of EN 1993-1-11, 2.3.6, is in the National Annex.
-    Recommendations on stay cables have 2.0 (Mozos and Aparicio 2010). It is no upper bound: with
-    many modes of vibration, moments of a deck can increase more. Elements that are taken out slowly
-    have 1.0.
+    One mass on springs without damping swings to twice its new displacement, hence 2.0, which
+    recommendations on stay cables have, too (Mozos and Aparicio 2010). Standards have factors from
+    1.5 to 2.0; EN 1993-1-11, 2.3.6, leaves it to the National Annex. It is no upper bound: with
+    many modes of vibration moments of a deck can be amplified more. Take 1.0 for elements that are
+    taken out slowly.
 
     Args:
         structure: the `Structure` that was analysed.
