@@ -215,7 +215,7 @@ def _loads_of_loss(structure, state, lost, factor):
     pairs = list(zip(structure.groups, lost, strict=True))
     nodes = _end_nodes(pairs)
     loads = [NodalLoads(nodes, factor * forces[nodes])]
-    turned = _end_nodes([(group, mask) for group, mask in pairs if group.n_freedom == 6])
+    turned = _end_nodes([(group, mask) for group, mask in pairs if group.rotates])
     turned = turned[structure.rotating_nodes()[turned]]
     if len(turned):
         loads.append(NodalLoads(turned, np.zeros(3), factor * total[turned, 3:]))

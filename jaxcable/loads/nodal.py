@@ -93,9 +93,9 @@ class NodalLoads(OnNodes):
         forces = np.broadcast_to(forces, (len(self.nodes), 3))
         largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
         total, unit = forces.sum(axis=0), units.name("N")
-        total = np.where(np.abs(total) < 1e-9 * largest, 0.0, total)  # rounding of a balance
-        single = ""
-        if largest > (1 + 1e-9) * np.linalg.norm(total):
+        rounding = 64 * np.finfo(total.dtype).eps * largest
+        total, single = np.where(np.abs(total) < rounding, 0.0, total), ""
+        if largest > np.linalg.norm(total) + rounding:
             single = f"up to {units.from_si(largest, 'N'):.6g} {unit}, "
         shown = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
         return f"NodalLoads on {len(self.nodes)} nodes, {single}sum ({shown}) {unit}"
