@@ -46,9 +46,10 @@ def loss_of_cable(
 
         E = E_before + dynamic_factor (E_after - E_before)
 
-    with the static states before and after the loss; this holds for the supports that held the lost
-    elements, too. Nonlinear structures are analysed as they are: remaining cables may become slack.
-    A structure that needs the elements to keep its shape takes a transient analysis instead.
+    with the static states before and after the loss. Supports that held the elements have a part of
+    their reversed forces as reactions by this rule, though nothing swings there. Nonlinear
+    structures are analysed as they are: remaining cables may become slack. A structure that needs
+    the elements to keep its shape takes a transient analysis instead.
 
     The forces are those at the ends of the deformed elements: tensions of cables and sliding
     cables, end forces of catenaries, forces and moments of beams. Loads on the elements, weight
