@@ -5,6 +5,7 @@ from typing import Any
 
 from .actions import Action
 from .cable_checks import CableFatigue, CableResistance, CableSafety, CableService
+from .cable_loss import loss_of_cable
 from .check import Check
 from .checks import CheckResult, Checks, checks
 from .combination_rules import combination_rules
@@ -75,6 +76,7 @@ __all__ = [
     "influence",
     "influence_line",
     "largest_deflection",
+    "loss_of_cable",
     "material_use",
     "mean_over_cases",
     "minimize",

@@ -33,8 +33,9 @@ class Action:
         shortening: of the unstressed length by a turnbuckle, by its characteristic value, as a
             phase states it, m.
         removes: elements that are lost, an accidental action: booleans [n_elem], by group as in a
-            phase. They are lost if the factor is not zero. What the loss does dynamically is not
-            in the analysis.
+            phase. They are lost if the factor is not zero. The loss is static: forces for the
+            dynamic effect of a sudden one are loads, and `loss_of_cable` returns an action with
+            both.
         in_phases: whether the phases before the cases apply the action already, by factor 1, as
             they do a self-weight. A combination with factor 1.35 then adds 0.35 of it. An action
             without loads and changes, such as a prestress, has to be in the phases.
@@ -100,7 +101,7 @@ class Action:
     def has_parts(self) -> bool:
         """Whether there is something that a case can add: loads, changes, or lost elements."""
         parts = self.loads, self.temperature, self.shortening, self.removes
-        return any(part is not None and part != [] for part in parts)
+        return any(part is not None and not (isinstance(part, list) and not part) for part in parts)
 
     def __str__(self) -> str:
         return f"{self.name} ({self.kind})"

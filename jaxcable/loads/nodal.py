@@ -83,14 +83,23 @@ class NodalLoads(OnNodes):
         return self.describe()
 
     def describe(self, units: Units = SI) -> str:
-        """Return the number of loads and their sum, in `units`, as text."""
+        """Return the number of loads and their sum, in `units`, as text.
+
+        Where they balance each other in part, so that a load is larger than the sum, it is given.
+        """
         forces = checks.array_if_known(self.forces)
         if forces is None:
             return "NodalLoads"
-        total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)
-        total = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
+        forces = np.broadcast_to(forces, (len(self.nodes), 3))
+        largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
+        total, unit = forces.sum(axis=0), units.name("N")
+        rounding = 64 * np.finfo(total.dtype).eps * largest
+        total, single = np.where(np.abs(total) < rounding, 0.0, total), ""
+        if largest > np.linalg.norm(total) + rounding:
+            single = f"up to {units.from_si(largest, 'N'):.6g} {unit}, "
+        shown = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
         count = f"{len(self.nodes)} node" + "s" * (len(self.nodes) != 1)
-        return f"NodalLoads on {count}, sum ({total}) {units.name('N')}"
+        return f"NodalLoads on {count}, {single}sum ({shown}) {unit}"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import numpy as np
 
-from ..common.types import ArrayLike, Float, Int, PyTree
+from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
 from ..elements.abilities import STATEMENTS
 from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.load import Load
+
+_MOST_LISTED = 8  # numbers of elements in a text
 
 
 def describe_action(action: Action, units: Units | None) -> str:
@@ -23,10 +27,22 @@ def describe_action(action: Action, units: Units | None) -> str:
             where = getattr(action, name)
             where = f" on {', '.join(map(str, where))}" if isinstance(where, dict) else ""
             parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}{where}")
-    lost = sum(int(np.sum(x)) for x in jax.tree.leaves(action.removes))
-    if lost:
-        parts.append(f"{lost} {'element' if lost == 1 else 'elements'} lost")
+    if lost := lost_elements_text(action.removes):
+        parts.append(lost)
     return "; ".join(parts) or "what the phases state"
+
+
+def lost_elements_text(removes: PyTree[Bool[ArrayLike, " n_elem"]] | None) -> str:
+    """Return how many elements an action removes, and which: "1 element lost: stays 2"; or ""."""
+    keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
+    count, parts = 0, []
+    for path, mask in jax.tree_util.tree_leaves_with_path(removes):
+        numbers = np.flatnonzero(mask)
+        if len(numbers):
+            count += len(numbers)
+            parts.append(f"{keystr(path)} {_numbers_text(numbers)}".strip())
+    word = "element" if count == 1 else "elements"
+    return f"{count} {word} lost: {'; '.join(parts)}" if count else ""
 
 
 def describe_load(load: Load, units: Units | None) -> str:
@@ -47,9 +63,18 @@ def describe_load(load: Load, units: Units | None) -> str:
 
 def elements_text(elements: Int[ArrayLike, " n"]) -> str:
     """Return the numbers of elements as text, "elements 0, 3"; their count, of many."""
+    count = len(elements)
+    if count > _MOST_LISTED:
+        return f"{count} elements"
+    return f"{'element' if count == 1 else 'elements'} {_numbers_text(elements)}"
+
+
+def _numbers_text(elements):
+    """Return the numbers of elements as text; of many the first and the last one."""
     numbers = [str(k) for k in np.asarray(elements)]
-    one = "element" if len(numbers) == 1 else "elements"
-    return f"{len(numbers)} {one}" if len(numbers) > 8 else f"{one} {', '.join(numbers)}"
+    if len(numbers) > _MOST_LISTED:
+        return f"{numbers[0]} ... {numbers[-1]}"
+    return ", ".join(numbers)
 
 
 def range_with_unit(

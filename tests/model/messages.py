@@ -121,6 +121,15 @@ def solution():
     return found
 
 
+def without_mast():
+    """The solution as if a phase had removed the mast, whose group is the first one."""
+    last = solution().last
+    mast, others = last.restart.states
+    states = [jc.replace(mast, present=jnp.array([False])), others]
+    restart = jc.replace(last.restart, states=states)
+    return jc.replace(solution(), last=jc.replace(last, restart=restart))
+
+
 @functools.cache
 def a_fit():
     return design.fit(lambda p: p - 1.0, jnp.zeros(2))
@@ -714,6 +723,33 @@ design.Action("lost", "accidental", removes={"net": [0, 1]})  # removes: expecte
 design.Action("lost", "accidental", removes=jc.only([0]))
     # removes: expected booleans [n_elem], by group, and neither names nor only()
 design.Action("lost", "accidental", removes={"net": jc.only([0])})  # removes: expected booleans
+design.loss_of_cable(5, solution(), "net")  # structure: expected a Structure, got int
+design.loss_of_cable(HUNG, PHASES, "net")  # solution: expected a Solution or its .last, got list
+design.loss_of_cable(HUNG, twice(solution()), "net")  # solution: is a batch; take one case k
+design.loss_of_cable(HUNG, jc.replace(solution(), status=jnp.int32(1)), "net")
+    # solution: has failed (no equilibrium found
+design.loss_of_cable(net(), solution(), [0])  # solution: ...structure
+design.loss_of_cable(HUNG, solution(), "nett")  # elements = 'nett': no such key
+design.loss_of_cable(HUNG, solution(), {"nett": [0]})  # elements: no group 'nett' in the
+design.loss_of_cable(HUNG, solution(), {"net": [2]})
+    # elements['net']: elements[0] = 2: the group has elements 0 to 1
+design.loss_of_cable(HUNG, solution(), {"net": [-1]})  # elements['net'][0] = -1: element numbers
+design.loss_of_cable(HUNG, solution(), {"net": [0, 0]})  # elements: element 0 is named twice
+design.loss_of_cable(HUNG, solution(), {"net": 1})  # elements['net']: expected indices such as [1]
+design.loss_of_cable(HUNG, solution(), {"net": [1.0]})  # elements['net']: expected integers
+design.loss_of_cable(HUNG, solution(), {"net": [True]})  # elements['net']: ...2 booleans
+design.loss_of_cable(HUNG, solution(), {"net": jc.only([1], 2.0)})
+    # elements['net']: expected indices such as [1], booleans [n_elem], only(elements) or True
+design.loss_of_cable(HUNG, solution(), [0])  # elements: expected a choice by group
+design.loss_of_cable(HUNG, solution(), True)  # elements: expected a choice by group
+design.loss_of_cable(HUNG, solution(), {"net": []})  # elements: no element is lost; name at least
+traced(lambda k: design.loss_of_cable(HUNG, solution(), {"net": k}).loads, jnp.array([0]))
+    # elements: are topology and cannot be traced
+design.loss_of_cable(HUNG, without_mast(), "mast")
+    # elements: element 0 of elements['mast'] is not there in the solution
+design.loss_of_cable(HUNG, solution(), "net", dynamic_factor=[2.0])
+    # dynamic_factor: expected a scalar, got shape
+design.loss_of_cable(HUNG, solution(), "net", name=" ")  # name = ' ': expected a text
 design.combinations([SNOW], {"combinations": {}, "kinds": {"snow": {"psi": 0.7}}})
     # rules: kinds['snow']['psi']: expected [psi0, psi1, psi2]
 design.combinations([SNOW], {"combinations": {}, "kinds": {"snow": {"psi": [60, 20, 0]}}})

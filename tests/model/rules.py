@@ -251,6 +251,11 @@ def lined(v):
     return jc.design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients
 
 
+def lost(v):
+    """Forces of the sudden loss of an element, by its dynamic factor."""
+    return design.loss_of_cable(net(), unstrained(net()), [0], dynamic_factor=v).loads[0].forces
+
+
 def above(v):
     plane = jc.results.clearance_to_plane
     return plane(frame(), unstrained(frame()), np.zeros(3), v).least
@@ -543,6 +548,10 @@ width, 0.1, 0.0  # width: width = 0.0: must be positive
 ## design/targets.py
 lambda v: jc.design.Target("tension", v).value, 1.0, np.nan  # value: value = nan: must be finite
 lambda v: jc.design.Target("tension", within=v).within, 1.0, 0.0  # within: within = 0.0
+## design/cable_loss.py
+lost, 2.0, 0.5  # dynamic_factor: dynamic_factor = 0.5: expected a finite number of at least 1
+lost, 2.0, np.inf  # dynamic_factor: dynamic_factor = inf: expected a finite number
+lost, 2.0, np.nan  # dynamic_factor: dynamic_factor = nan: expected a finite number
 ## design/influence.py
 adjusted, 0.1, 1.0  # rcond: rcond = 1.0
 adjusted, 0.1, -1.0  # rcond: rcond = -1.0: must
@@ -573,6 +582,9 @@ OTHERWISE = {
     "loads/masses.py:describe": "no rule: what is said of it",
     "loads/member_values.py:with_member_factors": "no rule: which library computes",
     "loads/points.py:describe": "no rule: what is said of it",
+    "design/cable_loss.py:loss_of_cable": "no rule: whether there are forces",
+    "design/cable_loss.py:_checked_state": "NaN where it is traced",
+    "design/cable_loss.py:_require_active": "traced: the case ends in INVALID_INPUT",
     "design/influence_line.py:known_pieces": "traced ones are refused",
     "design/influence_line.py:_checked_breaks": "traced ones are refused",
     "design/moving_loads.py:worst_position": "traced ones are refused",
