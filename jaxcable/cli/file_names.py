@@ -30,7 +30,7 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "reactions": ("node,Rx (", "node,by,Rx ("),
     "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
     "actions": "action,kind,acts,gamma (",
-    "combinations": "combination,limit state,actions,status,named,clause",
+    "combinations": "combination,limit state,actions,sum Rx (",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
     "tilts": "group,element,first,last,tilt (",
@@ -52,7 +52,6 @@ _UNITLESS = (
     "phases",
     "slack",
     "loose",
-    "combinations",
 )  # no column has a unit: the whole line must be that
 
 

@@ -281,11 +281,11 @@ class CableFatigue(_OnCables):
 
     def inputs(self) -> dict[str, Any]:
         """Return the numbers that the user gave."""
-        name = self.category
-        if isinstance(name, str):
-            name = f"{FATIGUE_CATEGORIES[name]:g} ({name})"
+        unit, number = "Pa", self.category
+        if isinstance(number, str):
+            unit, number = "MPa", f"{FATIGUE_CATEGORIES[number] / 1e6:g} ({number})"
         return {
-            "range at 2e6 cycles (Pa)": name,
+            f"range at 2e6 cycles ({unit})": number,
             "cycles": self.cycles,
             "gamma_Mf": self.gamma_mf,
             "gamma_Ff": self.gamma_ff,

@@ -204,6 +204,21 @@ def doubt(name: str, value: Any, low: float, high: float, question: str) -> None
         checks.warn_user(f"{name} = {text_of_input(value)}: {question}")
 
 
+def input_with_unit(name: str, value: Any) -> tuple[str, str]:
+    """Return an input of a check as name and text, "f_y (Pa)" in MPa and "A (m2)" in mm2."""
+    stated, _, unit = name.rpartition(" (")
+    other = _SHOWN_UNITS.get(unit.removesuffix(")"))
+    known = np.asarray(value) if other and not isinstance(value, jax.core.Tracer) else None
+    if other is None or known is None or known.dtype.kind not in "fiu":
+        return name, text_of_input(value)
+    shown, factor = other
+    return f"{stated} ({shown})", text_of_input(known * factor)
+
+
+_SHOWN_UNITS = {"Pa": ("MPa", 1e-6), "m2": ("mm2", 1e6), "m3": ("cm3", 1e6), "N": ("kN", 1e-3)}
+"""Units in which reports show inputs of checks, and factors, by those in which they are given."""
+
+
 def text_of_input(value: Any) -> str:
     """Return a number, or the range of several, as text for reports."""
     if isinstance(value, str) or value is None:

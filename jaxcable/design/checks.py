@@ -16,7 +16,7 @@ from ..common.types import Array, Bool, Float, Int
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from .cable_checks import CableResistance, CableSafety, CableService
-from .check import UTILIZATION, Check, text_of_input
+from .check import UTILIZATION, Check, input_with_unit
 from .combinations import Combinations
 from .result_envelopes import values_of_cases
 
@@ -318,7 +318,7 @@ def _result_of_check(check, structure, solutions, combinations):
     left_out = check.left_out(structure)
     if left_out:
         arguments.warn_user(f"{check.name}: not checked: {left_out}")
-    inputs = tuple((name, text_of_input(value)) for name, value in check.inputs().items())
+    inputs = tuple(input_with_unit(name, value) for name, value in check.inputs().items())
     index = jnp.asarray(counted)
     return CheckResult(
         used,

@@ -34,7 +34,7 @@ _MOST = 20_000  # combinations: more than anybody would look at, and seconds to 
 @pytree(
     static=(
         *("names", "rules", "limit_states", "clauses", "increments", "rule_factors"),
-        "kind_factors",
+        *("kind_factors", "source"),
     )
 )
 class Combinations:
@@ -51,6 +51,7 @@ class Combinations:
         rule_factors: by which factors the rule of each combination multiplies actions, in words.
         kind_factors: gamma and psi of the kinds of variable actions, each `KindFactors`, as far as
             the rules have these.
+        source: what the rules are taken from.
 
     Example:
         >>> snow = jc.design.Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
@@ -70,6 +71,7 @@ class Combinations:
     increments: int = 1
     rule_factors: tuple[str, ...] = ()
     kind_factors: tuple[KindFactors, ...] = ()
+    source: str = ""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -274,6 +276,7 @@ def combinations(
         increments,
         rule_factors,
         tuple(kind for kind in kinds if kind is not None),
+        str(rules.get("source", "")),
     )
 
 

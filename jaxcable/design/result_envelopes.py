@@ -161,10 +161,22 @@ def result_envelope(
     return ResultEnvelope(low, high, low_case, high_case, values, solutions.status, tuple(names))
 
 
+def _where_active(values, present):
+    """Return values of elements with NaN where they are not active; `present` None: all are."""
+    if present is None:
+        return values
+    return jax.tree.map(
+        lambda x, there: None if x is None else jnp.where(there > 0, x, jnp.nan),
+        values,
+        present,
+        is_leaf=lambda x: x is None,
+    )
+
+
 def _results_of_case(structure, solution, places):
     """Return the results of one case of which there are envelopes, a dict by name."""
     found = {
-        "tension": solution.peak_tension,
+        "tension": _where_active(solution.peak_tension, solution.present),
         "displacement": solution.displacement,
         "reactions": solution.reactions,
     }

@@ -34,6 +34,7 @@ from .layout import arrange_pictures, finish_layout
 from .ordinates import (
     choose_values_to_write,
     default_section_axes,
+    keep_inside,
     positive_side_directions,
     side_directions_in_picture,
     write_values,
@@ -127,6 +128,7 @@ def diagram(
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_legend(held)
     finish_layout(figure, slots, *found.color_bar(), handles)
+    keep_inside(axes)
     return finish_figure(figure, path)
 
 

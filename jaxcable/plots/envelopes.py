@@ -29,6 +29,7 @@ from .nets import round_magnification
 from .ordinates import (
     choose_values_to_write,
     default_section_axes,
+    keep_inside,
     positive_side_directions,
     side_directions_in_picture,
     write_values,
@@ -126,6 +127,8 @@ def envelope_diagram(
         handles += support_legend(stage.held)
     mappable, label = bar
     finish_layout(figure, slots, mappable, label, handles)
+    for axes in figure.axes[: len(slots)]:
+        keep_inside(axes)
     return finish_figure(figure, path)
 
 

@@ -12,6 +12,7 @@ from ..common.types import Float, Int
 from .style import INK
 from .views import View
 
+_INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
 _LEAST = 0.05  # of the largest value: less is not written
 
 
@@ -23,6 +24,19 @@ def write_values(
     look: Any = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
     for place, value in written:
         axes.text(*view.project(place), f"{factor * value:.4g}", **look)
+
+
+def keep_inside(axes: Any) -> None:
+    """Move texts of flat axes that have their final place, so that none crosses the frame."""
+    if axes.name == "3d":
+        return
+    axes.figure.draw_without_rendering()
+    low, high = axes.bbox.min + _INSIDE, axes.bbox.max - _INSIDE
+    for text in axes.texts:
+        box = text.get_window_extent()
+        shift = np.maximum(low - box.min, 0.0) - np.maximum(box.max - high, 0.0)
+        place = axes.transData.transform(text.get_position()) + shift
+        text.set_position(axes.transData.inverted().transform(place))
 
 
 def positive_side_directions(

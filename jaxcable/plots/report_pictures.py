@@ -17,6 +17,7 @@ from .envelopes import envelope_diagram
 from .model_pictures import model
 from .nets import net
 
+_PLACES = 41  # along beams: the largest value between two of them is off by 1e-3 at most
 _ROUNDING = 1e-7  # of the largest section force of a kind: less is not drawn
 
 
@@ -54,17 +55,19 @@ def for_report(
     >>> structure, phases = jc.scenes.flat_net()
     >>> pictures = jc.plots.for_report(structure, jc.solve(structure, phases))
     >>> list(pictures)
-    ['Structure: groups, nodes and elements', 'Forces, final state of the phases']
+    ['Structure: groups, nodes and elements', 'Forces at the end of the first and the last phase']
     """
     if int(solution.status) != status.OK:
         return {}
     found = {
         "Structure: groups, nodes and elements": model(structure, units=units),
-        "Forces, final state of the phases": net(solution, structure=structure, units=units),
+        "Forces at the end of the first and the last phase": net(
+            solution, structure=structure, units=units
+        ),
     }
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
         return found
-    extremes = envelope(structure, cases, names)
+    extremes = envelope(structure, cases, names, places=_PLACES)
     found["Displacements in all cases"] = envelope_diagram(
         structure, extremes, "displacement", units=units
     )
@@ -75,7 +78,7 @@ def for_report(
     if governing is not None:
         case = jax.tree.map(lambda x: np.asarray(x)[governing], cases)
         name = extremes.names[governing]
-        found[f"Utilization in {name}, where it is largest"] = net(
+        found[f"Force over breaking force in {name}, where it is largest"] = net(
             case,
             color="utilization",
             structure=structure,

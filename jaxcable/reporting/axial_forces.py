@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.results import Results
+from ..common.types import Float
 from ..design import utilization
 from ..elements import Beams
 from ..elements.abilities import Sagging
@@ -43,8 +44,8 @@ def axial_force_table(
         states: the states of the envelope, by name.
         several: whether the text shows the envelope.
     """
-    names, now = list(states), _peak_forces(structure, state)
-    each = [_peak_forces(structure, other.result) for other in states.values()]
+    names, now = list(states), peak_forces(structure, state)
+    each = [peak_forces(structure, other.result) for other in states.values()]
     kept = [k for k, own in enumerate(now) if own is not None]  # groups with axial forces
     used: list[Any]
     envelope: list[Any]
@@ -193,7 +194,7 @@ def _first_item(item):
     return item[0]
 
 
-def _peak_forces(structure, state):
+def peak_forces(structure: Structure, state: Results) -> list[Float[np.ndarray, " n_elem"] | None]:
     """Return the largest force along each element, N: a list of [n_elem] for every group, or None.
 
     Inactive elements have NaN.

@@ -46,9 +46,10 @@ def check_sentences(checks: Checks) -> list[str]:
         lines.append(f"all {count} checks passed, largest utilization {float(checks.largest):.3f}")
     if checks.not_made:
         lines.append(f"NOT MADE: {'; '.join(checks.not_made)}")
-    left_out = dict.fromkeys(one.not_covered for one in checks.results if one.not_covered)
-    if left_out:
-        lines.append(f"NOT covered by these checks: {'; '.join(left_out)}; and what has no check")
+    for one in checks.results:
+        if one.not_covered:
+            lines.append(f"not covered by {one.name}: {one.not_covered}")
+    lines.append("not covered: all that has no check")
     return lines
 
 

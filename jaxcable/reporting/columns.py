@@ -11,6 +11,8 @@ from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .table import Column
 
+_NEGLIGIBLE = 1e-9  # value over the largest one of a column up to which it is rounding
+
 
 def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]:
     """Return the columns that name elements: group, element, start node, end node.
@@ -86,7 +88,7 @@ def envelope_columns(
 
     Returns:
         The column `name`, those of `beside`, and "in" with the names of states; cells are empty
-        where no state has a value.
+        where no state has a value, and no state is named where all have values that are rounding.
     """
     nowhere = np.full((1, values.shape[1]), np.nan)
     sizes = np.concatenate([nowhere, sign * values])
@@ -98,8 +100,10 @@ def envelope_columns(
 
     columns = [Column(name, unit, governing(values), heading=heading)]
     columns += [Column(head, of, governing(array)) for head, of, array in beside]
+    largest = np.nanmax(np.abs(values), axis=0, initial=0.0)
+    counts = largest > _NEGLIGIBLE * largest.max(initial=0.0)
     names = [None, *states]
-    governing_states = [names[k] for k in which]
+    governing_states = [names[k] if c else None for k, c in zip(which, counts, strict=True)]
     shown = [name for name in governing_states if name is not None]
     heading = states_heading(shown or states)
     return [*columns, Column("in", "", governing_states, heading=heading)]

@@ -6,7 +6,10 @@ import collections
 import itertools
 from collections.abc import Collection, Iterable, Mapping
 
+import numpy as np
+
 from ..common.status import describe
+from ..common.types import Float
 from ..common.units import Units
 from ..design.combination_rules import KindFactors
 from ..design.combinations import Combinations
@@ -19,6 +22,7 @@ def combination_table(
     failed: Mapping[str, int],
     unstable: Collection[str],
     tables: Iterable[Table],
+    reactions: Mapping[str, Float[np.ndarray, " 3"]],
 ) -> Table:
     """Return the table of combinations; if it is long, its text shows those that govern most.
 
@@ -27,6 +31,7 @@ def combination_table(
         failed: status codes of the cases that have failed, by name.
         unstable: names of the cases that end in an unstable equilibrium.
         tables: other tables, which name the cases that govern.
+        reactions: sums of the reactions in the cases that have converged, N, by name.
     """
     names = combinations.names
     cells = itertools.chain.from_iterable(row for table in tables for row in table.rows)
@@ -36,12 +41,22 @@ def combination_table(
         Column("combination", "", list(names)),
         Column("limit state", "", list(combinations.limit_states)),
         Column("actions", "", [combinations.formula(k) for k in range(len(names))]),
+        *(
+            Column(f"sum R{axis}", "N", [_component(reactions.get(name), k) for name in names])
+            for k, axis in enumerate("xyz")
+        ),
         Column("status", "", [_status(name, failed, unstable) for name in names]),
         Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
         Column("clause", "", list(combinations.clauses), detail=True),
     ]
     every = combinations.rules, combinations.rule_factors, combinations.clauses
     notes = ["times named: in how many rows of tables that name the combinations that govern"]
+    notes.append("sum R: of all reactions, which the loads of the case and those before have")
+    if any(one.in_phases for one in combinations.actions):
+        notes.append(
+            "an action in the phases acts there by factor 1, as their stages say; a case adds the "
+            "rest of its factor on the structure as the phases leave it"
+        )
     for rule, factors, clause in dict.fromkeys(zip(*every, strict=True)):
         notes.append(f"{rule}: {factors}" + (f" ({clause})" if clause else ""))
     return make_table("Combinations of actions", columns, notes)
@@ -71,6 +86,11 @@ def action_table(combinations: Combinations, units: Units) -> Table:
     if any(one.in_phases for one in actions):
         notes.append("in phases: the phases before the cases apply the action by factor 1")
     return make_table("Actions", columns, notes)
+
+
+def _component(vector, k):
+    """Return a component of a vector as a number, None without a vector."""
+    return None if vector is None else float(vector[k])
 
 
 def _as_float(value):
@@ -103,12 +123,14 @@ def combination_sentences(
     """
     count = len(combinations)
     lines = [f"{count} combinations of actions, {count - len(failed)} converged"]
+    if combinations.source:
+        lines.append(f"factors of actions: {combinations.source}")
     if unstable:
         lines.append(f"UNSTABLE at their ends, but in the envelopes: {', '.join(sorted(unstable))}")
     states = list(dict.fromkeys(combinations.limit_states))
     if len(states) > 1:
         lines.append(
-            f"CHECK: envelopes are over all limit states together ({', '.join(states)}); checks "
-            "count those of their own"
+            f"envelopes are over all limit states together ({', '.join(states)}): make a report of "
+            "each by `Combinations.of_limit_state`; checks count those of their own"
         )
     return lines

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import io
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -27,11 +28,12 @@ _MINUS = "\N{MINUS SIGN}"
 
 
 class Heading(NamedTuple):
-    """What the user states of a document: its title, author and date; None or "" for none."""
+    """What the user states of a document: title, author, date, and more; None or "" for none."""
 
     title: str | None = None
     author: str | None = None
     date: str | datetime.date | None = None
+    details: Mapping[str, str] = MappingProxyType({})
 
 
 class Part(NamedTuple):
@@ -95,12 +97,22 @@ def make_document(
         most: largest number of rows of each table; None for all.
     """
     scales = common_scales(list(tables.values()), units)
+    left_out = {} if most is None else {n: t for n, t in tables.items() if _is_left_out(t, most)}
     found = [
-        _document_table(name, table, most, scales, units or SI) for name, table in tables.items()
+        _document_table(name, table, most, scales, units or SI)
+        for name, table in tables.items()
+        if name not in left_out
     ]
-    return Document(
-        _title(heading), _facts(heading, units), list(summary), found, picture_svgs(pictures)
-    )
+    lines = list(summary)
+    if left_out:
+        named = ", ".join(f"{name} ({len(table.rows)} rows)" for name, table in left_out.items())
+        lines.append(f"not in this document, but in .xlsx, .csv and .json files: {named}")
+    return Document(_title(heading), _facts(heading, units), lines, found, picture_svgs(pictures))
+
+
+def _is_left_out(table, most):
+    """Return whether a table has a row for each case, and too many: nobody reads some of them."""
+    return "case" in table.columns and len(table.rows) > most
 
 
 def program_versions() -> str:
@@ -115,7 +127,7 @@ def _title(heading):
 
 def _facts(heading, units):
     """Return what stands below the title, pairs of a word and a text."""
-    stated = (("author", heading.author), ("date", heading.date))
+    stated = (("author", heading.author), ("date", heading.date), *heading.details.items())
     facts = [(word, str(text)) for word, text in stated if text not in (None, "")]
     facts.append(("program", program_versions()))
     if units is not None:

@@ -44,14 +44,21 @@ def model_tables(
 
     `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
     """
-    found = {"geometry": _node_table(structure), "properties": _property_table(structure, units)}
+    change = any(phase.supports is not None for phase in phases or ())
+    found = {
+        "geometry": _node_table(structure, change),
+        "properties": _property_table(structure, units),
+    }
     if phases is not None:
         found["phases"] = _phase_table(structure, phases, names, units)
     return found
 
 
-def _node_table(structure: Structure) -> Table:
-    """Return the table of all nodes: initial positions, and what the supports hold."""
+def _node_table(structure: Structure, change: bool) -> Table:
+    """Return the table of all nodes: initial positions, and what the supports hold.
+
+    `change` says whether phases replace the supports.
+    """
     nodes = np.asarray(structure.nodes, float)
     columns = [
         Column("node", "", list(range(len(nodes)))),
@@ -59,6 +66,8 @@ def _node_table(structure: Structure) -> Table:
         Column("held", "", _support_texts(structure.supports, len(nodes))),
     ]
     notes = ["positions before all phases; held: displacements x, y, z, rotations rx, ry, rz"]
+    if change:
+        notes.append("supports before all phases: phases replace them, see their table")
     if structure.rigid is not None:
         pairs = ", ".join(f"{a} to {b}" for a, b in structure.rigid.array.tolist())
         notes.append(f"rigid arms, from carrier to carried node: {pairs}")
@@ -190,7 +199,11 @@ def _phase_table(structure, phases, names, units):
         rows += [(k + 1, name, *line) for line in lines]
     texts = zip(("phase", "name", "what", "text"), zip(*rows, strict=True), strict=True)
     columns = [Column(head, "", list(cells)) for head, cells in texts]
-    notes = ["loads of a phase go on acting in the phases after it"]
+    notes = [
+        "all that a phase states, applies, adds and removes acts together, ramped over its "
+        "increments; loads go on acting in the phases after it",
+        "elements are numbered from 0 in their group",
+    ]
     return make_table("Phases of the analysis", columns, notes)
 
 

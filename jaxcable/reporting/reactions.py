@@ -92,6 +92,12 @@ def reaction_table(
     return make_table(title, columns, notes)
 
 
+def total_reaction(structure: Structure, state: State) -> Float[np.ndarray, " 3"]:
+    """Return the sum of all reactions of a state, those of springs on the ground too, N, [3]."""
+    ground = np.nan_to_num(ground_rows(structure, state).values[:, :3]).sum(axis=0)
+    return np.asarray(state.reactions, float).sum(axis=0) + ground
+
+
 class GroundRows(NamedTuple):
     """Springs and bearings on the ground: nodes [n], names, and forces and moments, [n, 6].
 

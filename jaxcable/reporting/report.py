@@ -30,8 +30,9 @@ from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
 from .model_tables import model_tables
+from .phase_tables import phase_tables
 from .reaction_envelope import reaction_envelope_table
-from .reactions import equilibrium_table, reaction_table
+from .reactions import equilibrium_table, reaction_table, total_reaction
 from .result_report import Report
 from .rotations import rotation_tables
 from .section_forces import section_force_tables
@@ -172,6 +173,8 @@ def report(
     tables = _make_tables(structure, solution, envelope, good, labels, shown, chains)
     if cases is not None:
         tables = with_case_notes(tables, len(envelope))
+    ends = states.converged_phases(solution, own_names)[0]
+    tables |= phase_tables(structure, solution, ends, cases is not None)
     if since is not None:
         begin = phase_index(since, labels)
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
@@ -182,7 +185,8 @@ def report(
         unstable = [name for name, case in good.items() if not bool(case.stable)]
         summary += combination_sentences(combinations, failed, unstable)
         named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
-        table = combination_table(combinations, failed, unstable, named)
+        sums = {name: total_reaction(structure, case.last) for name, case in good.items()}
+        table = combination_table(combinations, failed, unstable, named, sums)
         tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
     if model:
         tables = {**model_tables(structure, listed, labels, shown_or_none), **tables}
@@ -212,7 +216,8 @@ def _with_checks(summary, tables, checks):
     if not isinstance(checks, Checks):
         kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
         raise ValueError(f"checks: expected Checks, got {kind}")
-    return summary + check_sentences(checks), {**check_tables(checks), **tables}
+    summary = [summary[0], *check_sentences(checks), *summary[1:]]  # behind the status
+    return summary, {**check_tables(checks), **tables}
 
 
 def _names_of_combinations(combinations, cases, names):

@@ -82,6 +82,8 @@ class Report:
             - ``slack``, ``loose``: cables without tension; nodes attached to such cables only;
             - ``results``: smallest and largest value of other results that elements have, and by
               the name of each its values in all elements, at all places;
+            - ``forces_by_phase``, ``reactions_by_phase``: at the ends of three phases or more, and
+              ``displacements_by_phase`` where ``displacements`` is on cases;
             - ``energy`` if it was asked for.
 
         units: the `Units` of all tables and sentences that were asked for; None for SI units.
@@ -141,6 +143,7 @@ class Report:
         title: str | None = None,
         author: str | None = None,
         date: str | datetime.date | None = None,
+        details: Mapping[str, str] | None = None,
         pictures: Mapping[str, Any] | None = None,
         rows: int | None = None,
     ) -> list[Path]:
@@ -162,10 +165,13 @@ class Report:
         Options:
             title, author: of the project, on the first page of PDF and HTML, and in a workbook.
             date: of the document there, a text or a date; default: none.
+            details: further lines below the title, by their words: ``{"project": "12-345",
+                "revision": "A", "checked by": "B. Frey"}``.
             pictures: matplotlib figures by their captions, for PDF and HTML, such as those of
                 `plots.for_report`.
             rows: largest number of rows of each table: default all in a text, 1000 in PDF and HTML,
-                where a note says that there are more.
+                where a note says that there are more. A table of every case with more rows than
+                that is only named there.
 
         Returns:
             Paths of the files written, a list.
@@ -183,7 +189,7 @@ class Report:
             >>> [path.name for path in written.save(path, title="Net", author="A. Meier")]
             ['net.html']
         """
-        path, heading = Path(path), Heading(title, author, date)
+        path, heading = Path(path), Heading(title, author, date, dict(details or {}))
         if rows is not None:
             checks.require_whole_number(rows, "rows")
         kind = _kind_of_file(path)

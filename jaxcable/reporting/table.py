@@ -37,6 +37,7 @@ _LEVER = 1e-3
 A force of 100 kN in the position of a node that is known to 1e-12 m makes moments of 1e-7 N m.
 """
 
+_MANY = 1e5  # size from which a number has one decimal: seven digits
 _DECIMALS = {"mm": 2, "cm": 3, "in": 4}
 """Decimals of small lengths."""
 
@@ -344,4 +345,6 @@ def _cell_text(value, factor, unit, least):
     value = 0.0 if abs(value) < least else value * factor
     if unit.startswith(_LARGE_FORCES) and abs(value) < 1.0:
         return f"{value:.4g}"
-    return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.1e}"
+    if abs(value) >= _MANY:
+        return f"{value:.1f}"
+    return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.4g}"

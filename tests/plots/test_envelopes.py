@@ -112,7 +112,7 @@ def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
     begin = jc.solve(STRUCTURE, START)
     pictures = jc.plots.for_report(STRUCTURE, begin, cases=solutions, names=NAMES)
     shown = "".join(pictures)
-    assert "Utilization in snow" in shown and "Envelope of My" in shown and "of T" not in shown
+    assert "breaking force in snow" in shown and "Envelope of My" in shown and "of T" not in shown
     report = jc.report(STRUCTURE, begin, cases=solutions, names=NAMES)
     (path,) = report.save(tmp_path / "r.html", pictures=pictures)
     assert path.read_text().count("<figure>") == len(pictures) >= 5

@@ -41,7 +41,7 @@ def test_the_overview_is_sorted_and_says_what_has_passed(written):
     np.testing.assert_allclose(first[1], 101 / (200 / 1.5), rtol=1e-9)
     assert first[4] == "passed" and second[1] <= first[1]
     assert any("all 2 checks passed" in line for line in report.summary)
-    assert any("NOT covered by these checks: saddles" in line for line in report.summary)
+    assert any("not covered by cable resistance: saddles" in line for line in report.summary)
 
 
 def test_items_have_their_terms_in_the_units_of_the_report(written):
