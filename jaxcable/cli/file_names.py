@@ -30,7 +30,7 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "reactions": ("node,Rx (", "node,by,Rx ("),
     "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
     "actions": "action,kind,acts,gamma (",
-    "combinations": "combination,limit state,actions,sum Rx (",
+    "combinations": "combination,limit state,actions,status,named,sum Rx (",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
     "tilts": "group,element,first,last,tilt (",

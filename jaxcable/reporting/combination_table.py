@@ -41,12 +41,12 @@ def combination_table(
         Column("combination", "", list(names)),
         Column("limit state", "", list(combinations.limit_states)),
         Column("actions", "", [combinations.formula(k) for k in range(len(names))]),
+        Column("status", "", [_status(name, failed, unstable) for name in names]),
+        Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
         *(
             Column(f"sum R{axis}", "N", [_component(reactions.get(name), k) for name in names])
             for k, axis in enumerate("xyz")
         ),
-        Column("status", "", [_status(name, failed, unstable) for name in names]),
-        Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
         Column("clause", "", list(combinations.clauses), detail=True),
     ]
     every = combinations.rules, combinations.rule_factors, combinations.clauses
@@ -131,6 +131,6 @@ def combination_sentences(
     if len(states) > 1:
         lines.append(
             f"envelopes are over all limit states together ({', '.join(states)}): make a report of "
-            "each by `Combinations.of_limit_state`; checks count those of their own"
+            "each (Combinations.of_limit_state); checks count those of their own"
         )
     return lines

@@ -79,7 +79,7 @@ def _reaction_table(structure, phases):
         *(
             Column(component, unit, np.array([row[2 + k] for row in rows], float))
             for k, (component, unit) in enumerate(_COMPONENTS.items())
-            if acts[:, k].any()
+            if k < 3 or acts[:, k].any()
         ),
     ]
     notes = ["sum: of the forces on all supports, springs and bearings; blank: not supported then"]

@@ -317,8 +317,11 @@ def test_a_report_names_the_combination_that_governs(analysed):
     listed = tables["combinations"]
     assert [row[0] for row in listed.rows] == list(found.names)
     assert listed.rows[0][2] == found.formula(0)
+    sums = np.array([row[5:8] for row in listed.rows])
+    np.testing.assert_allclose(sums, np.asarray(batch.reactions).sum(axis=1), atol=1e-6)  # N
     assert listed.columns == (
-        *("combination", "limit state", "actions", "status", "named", "clause"),
+        *("combination", "limit state", "actions", "status", "named"),
+        *("sum Rx", "sum Ry", "sum Rz", "clause"),
     )
     governing = {cell for row in tables["members"].rows for cell in row} & set(found.names)
     assert governing and all(row[4] > 0 for row in listed.rows if row[0] in governing)

@@ -115,6 +115,43 @@ def test_names_of_phases_come_with_them_or_apart(solution):
         jc.report(BRIDGE, solution, {"stays": PHASES["stays"]})
 
 
+def test_stages_have_their_forces_and_reactions():
+    """Of three phases, by their solutions: forces of active elements, reactions and their sum."""
+    third = jc.Phase(adds={"strut": [True]}, loads=jc.NodalLoads([2], (0.0, 0.0, -300.0)))
+    stages = {**PHASES, "strut": third}
+    built = jc.solve(BRIDGE, list(stages.values()))
+    assert int(built.status) == jc.status.OK
+    begin = jc.report(BRIDGE, built, stages).tables
+    table = begin["forces_by_phase"]
+    assert table.columns[4:] == tuple(stages) and table.units[4:] == ("N",) * 3
+    forces = {(row[0], row[1]): row[4:] for row in table.rows}
+    for k, phase in enumerate(built.phases):
+        for name, force in phase.peak_tension.items():
+            if force is None:
+                continue
+            for number, value in enumerate(np.asarray(force)):
+                shown = forces[name, number][k]
+                absent = name == "strut" and k < 2
+                assert (shown is None) if absent else shown == pytest.approx(float(value))
+    table = begin["reactions_by_phase"]
+    at = {(row[0], row[1]): row[2:5] for row in table.rows}
+    for phase, name in zip(built.phases, stages, strict=True):
+        reactions = np.asarray(phase.reactions)
+        np.testing.assert_allclose(at[3, name], reactions[3], atol=1e-6)
+        spring = np.asarray(phase.element_results["spring_force"]["ground"]).sum(axis=0)
+        np.testing.assert_allclose(at["sum", name], reactions.sum(axis=0) + spring, atol=1e-6)
+    assert (2, "stays") in at and at[2, "stays"] == [None] * 3  # held from the second phase on
+    assert (
+        "displacements_by_phase" not in begin
+        and "forces_by_phase"
+        not in jc.report(BRIDGE, jc.solve(BRIDGE, list(PHASES.values())), PHASES).tables
+    )
+    cases = [jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, p))) for p in (-200.0, 200.0)]
+    solutions = jc.design.solve_cases(BRIDGE, None, cases, start=built)
+    over = jc.report(BRIDGE, built, stages, cases=solutions).tables
+    assert over["displacements_by_phase"].rows == begin["displacements"].rows
+
+
 def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, capsys):
     jc.save_scene(tmp_path / "bridge.json", (BRIDGE, list(PHASES.values())), units="kN, m")
     assert main(["solve", str(tmp_path / "bridge.json"), "--report"]) == 0
