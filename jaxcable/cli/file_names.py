@@ -44,6 +44,9 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "slack": "group,element,in",
     "loose": "node,in",
     "energy": "phase,",
+    "forces_by_phase": "group,element,first,last,",
+    "reactions_by_phase": "node,phase,Rx (",
+    "displacements_by_phase": "node,phase,ux (",
 }
 """Tables of a report (`reporting.Report.save`), likewise."""
 

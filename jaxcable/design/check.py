@@ -215,7 +215,10 @@ def input_with_unit(name: str, value: Any) -> tuple[str, str]:
     return f"{stated} ({shown})", text_of_input(known * factor)
 
 
-_SHOWN_UNITS = {"Pa": ("MPa", 1e-6), "m2": ("mm2", 1e6), "m3": ("cm3", 1e6), "N": ("kN", 1e-3)}
+_SHOWN_UNITS = {
+    **{"Pa": ("MPa", 1e-6), "m2": ("mm2", 1e6), "m3": ("cm3", 1e6)},
+    **{"N": ("kN", 1e-3), "N m": ("kN m", 1e-3)},
+}
 """Units in which reports show inputs of checks, and factors, by those in which they are given."""
 
 

@@ -145,13 +145,17 @@ class MemberSection(_OnMembers):
     not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave."""
-        s = self.section
-        shear = {
-            f"Av{k} (m2)": "not checked" if v is None else v
-            for k, v in {"y": s.Avy, "z": s.Avz}.items()
+        """Return the numbers and words that the user gave, and the resistances that follow."""
+        s, strength = self.section, self.yield_strength / self.gamma_m0
+        areas = {"y": s.Avy, "z": s.Avz}
+        shear = {f"Av{k} (m2)": "not checked" if v is None else v for k, v in areas.items()}
+        resistances = {
+            "N_Rd (N)": s.A * strength,
+            "My_Rd (N m)": s.Wy * strength,
+            "Mz_Rd (N m)": s.Wz * strength,
+            **{f"V{k}_Rd (N)": v * strength / 3**0.5 for k, v in areas.items() if v is not None},
         }
-        return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0}
+        return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0, **resistances}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return the section forces at the place that governs, and the utilization."""

@@ -279,7 +279,10 @@ def _draw_element_values(stage, envelope, of):
     if high - low <= 1e-9 * max(abs(high), 1e-300):
         low, high = low - 0.05 * max(abs(low), 1e-3), high + 0.05 * max(abs(high), 1e-3)
     look: Any = {"cmap": color_map(), "norm": Normalize(low, high)}
-    titles = [f"{word} {of}" for word, _ in _SIDES.values()]
+    name, signed = of, ""
+    if of == "tension" and low < -_ROUNDING * high:
+        name, signed = "axial force", ", tension positive"
+    titles = [f"{word} {name}" for word, _ in _SIDES.values()]
     view = stage.view
     figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
     width = line_width(len(stage.links))
@@ -288,9 +291,7 @@ def _draw_element_values(stage, envelope, of):
         lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **look)
         lines.set_array(factor * values[side][stage.element])
         extreme = extremes[side]
-        text = f"{word} {of}: {factor * extreme.value:.4g} {unit}".rstrip() + f", {extreme.case}"
+        text = f"{word} {name}: {factor * extreme.value:.4g} {unit}".rstrip()
+        text += f", {extreme.case}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    name, signed = of, ""
-    if of == "tension" and low < -_ROUNDING * high:
-        name, signed = "axial force", ", tension positive"
     return figure, handles, slots, (lines, f"{name}{shown}{signed}")

@@ -420,3 +420,22 @@ def test_a_check_of_the_standard_that_no_case_counts_for_is_named(cases):
     assert any(line.startswith("all 1 checks passed") for line in summary)
     every = design.checks(stayed(), cases, combinations=CASES)
     assert every.not_made == () and "NOT MADE" not in str(every)
+
+
+def test_resistances_are_printed_with_the_inputs():
+    """CHS 168.3 x 8 by hand: A = pi 160.3 8 mm2, plastic modulus (168.3^3 - 152.3^3) / 6."""
+    strut = jc.Bars([[0, 1]], axial_stiffness=8.5e8)
+    supports = jc.pinned([0]) + jc.restrained([1], "xy")
+    structure = jc.Structure([[0.0, 0, 0], [0, 0, 4.0]], strut, supports)
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -4e5))))
+    assert int(solution.status) == 0
+    given = {"profile": TUBE, "yield_strength": STEEL, "section_class": 1}
+    check = design.MemberSection(**given, gamma_m0=1.05)
+    inputs = dict(design.checks(structure, solution, check)["cross-section"].inputs)
+    area, modulus = math.pi * 160.3 * 8.0, (168.3**3 - 152.3**3) / 6  # mm2, mm3
+    strength = 355 / 1.05  # MPa
+    assert inputs["f_y (MPa)"] == "355" and inputs["section"].startswith("CHS 168.3x8, class 1")
+    assert float(inputs["A (mm2)"]) == pytest.approx(area, rel=1e-3)  # of the table of profiles
+    assert float(inputs["N_Rd (kN)"]) == pytest.approx(area * strength / 1e3, rel=1e-3)
+    assert float(inputs["My_Rd (kN m)"]) == pytest.approx(modulus * strength / 1e6, rel=1e-3)
+    assert float(inputs["Wpl,y (cm3)"]) == pytest.approx(modulus / 1e3, rel=1e-3)

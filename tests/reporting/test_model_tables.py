@@ -7,6 +7,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.__main__ import main
+from jaxcable.cli import file_names
 from jaxcable.reporting.document import Heading, make_document
 from jaxcable.reporting.table import Table
 
@@ -148,8 +149,11 @@ def test_stages_have_their_forces_and_reactions():
     )
     cases = [jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, p))) for p in (-200.0, 200.0)]
     solutions = jc.design.solve_cases(BRIDGE, None, cases, start=built)
-    over = jc.report(BRIDGE, built, stages, cases=solutions).tables
-    assert over["displacements_by_phase"].rows == begin["displacements"].rows
+    over = jc.report(BRIDGE, built, stages, cases=solutions)
+    assert over.tables["displacements_by_phase"].rows == begin["displacements"].rows
+    first = {name: text.partition("\n")[0].rstrip() for name, text in over.csv().items()}
+    for name in ("forces_by_phase", "reactions_by_phase", "displacements_by_phase"):
+        assert first[name].startswith(file_names.REPORT[name]) and " (" in first[name]
 
 
 def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, capsys):
