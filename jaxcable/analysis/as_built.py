@@ -39,6 +39,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
+from .activation import element_masks, make_activation
 from .as_built_statements import (
     describe_unmet,
     mask_of,
@@ -102,7 +103,7 @@ def _with_found_lengths(structure, phases, method, start, run, stated):
     `stated` is the list of what is `Stated`, one at least. The errors, [n], are None if traced.
     """
     last = 1 + max(one.phase for one in stated)  # what comes later changes nothing
-    arguments = structure, phases[:last], method, start
+    arguments = structure, _first_phases(structure, phases, last, start), method, start
     known = without_derivatives(arguments)
     concrete = is_top_level_call(jax.tree.leaves(known))
     m, code, left = _find_unknowns(known, run, concrete)
@@ -120,6 +121,26 @@ def _with_found_lengths(structure, phases, method, start, run, stated):
     values = [leaves[k] for k in moving]
     m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
     return _with_strains(structure, phases, stated, m), code, left if concrete else None
+
+
+def _first_phases(structure, phases, count, start):
+    """Return the first phases of an analysis, without the elements that only later ones add."""
+    first = list(phases[:count])
+    if start is not None:  # it knows which elements are there
+        return first
+    every, alone = (make_activation(structure, some, None) for some in (phases, first))
+    if every is None:
+        return first
+    later = [~there for there in every.present_at_start]
+    if alone is not None:
+        pairs = zip(later, alone.present_at_start, strict=True)
+        later = [absent & there for absent, there in pairs]
+    masks = element_masks(first[0].removes, structure, "phases[0].removes")
+    removes = [mask | absent for mask, absent in zip(masks, later, strict=True)]
+    known = [checks.array_if_known(absent) for absent in later]
+    if all(absent is not None and not absent.any() for absent in known):
+        return first
+    return [replace(first[0], removes=structure.arrange(removes)), *first[1:]]
 
 
 def _has_derivative(leaf):

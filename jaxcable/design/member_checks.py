@@ -108,6 +108,9 @@ class _OnMembers(OnElements):
         return self.taken(structure, along)
 
 
+_OF_TUBES = "of circular sections the root of the sum of the squares of both terms of moments"
+
+
 @dataclasses.dataclass(frozen=True)
 class MemberSection(_OnMembers):
     """Cross-sections of members by EN 1993-1-1: N with My and Mz, and shear, along each element.
@@ -140,7 +143,7 @@ class MemberSection(_OnMembers):
     gamma_m0: Float[ArrayLike, ""] = 1.0
 
     clause = "EN 1993-1-1:2005, 6.2.1 (7), 6.2.6, 6.2.8"
-    formula = "N/N_Rd + My/My_Rd + Mz/Mz_Rd, or V/V_Rd"
+    formula = f"N/N_Rd + My/My_Rd + Mz/Mz_Rd, or V/V_Rd; {_OF_TUBES}"
     units = _UNITS
     not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
 
@@ -217,7 +220,7 @@ class MemberBuckling(_OnMembers):
 
     clause = "EN 1993-1-1:2005, 6.3.1, 6.3.3 with k = 1 on moments of second order"
     formula = "-N/N_b,Rd + My/(chi_LT Wy f_y/gamma_M1) + Mz/(Wz f_y/gamma_M1), " + (
-        "N_b,Rd = min(chi_y, chi_z) A f_y/gamma_M1"
+        f"N_b,Rd = min(chi_y, chi_z) A f_y/gamma_M1; {_OF_TUBES}"
     )
     units = _BUCKLING_UNITS
     not_covered = "torsional buckling, lateral torsional buckling beyond chi_LT, class 4"

@@ -90,7 +90,8 @@ def model(
     finish_layout(figure, slots, None, "", handles)
     left_out = _write_numbers(axes, stage) if numbers else 0
     if left_out:
-        text = f"{axes.get_title()}, without {left_out} numbers that would cover others"
+        which = "1 number" if left_out == 1 else f"{left_out} numbers"
+        text = f"{axes.get_title()}, without {which} that would cover others"
         axes.title.set_text(text)  # where the layout has put it
     return finish_figure(figure, path)
 

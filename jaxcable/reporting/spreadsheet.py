@@ -99,7 +99,10 @@ def _write_summary(sheet, summary, tables, names, units, heading, look):
     if heading.title:
         sheet.write_string(row, 0, str(heading.title), look["title"])
         row += 1
-    facts = (("author", heading.author), ("date", heading.date), ("program", program_versions()))
+    facts = (
+        *(("author", heading.author), ("date", heading.date), *heading.details.items()),
+        ("program", program_versions()),
+    )
     for word, text in (*facts, ("units", units)):
         if text not in (None, ""):
             sheet.write_string(row, 0, word)

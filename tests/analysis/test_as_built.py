@@ -390,3 +390,38 @@ def test_single_precision():
     assert solution.status == jc.status.OK and solution.displacement.dtype == jnp.float32
     size = np.linalg.norm(np.asarray(solution.reactions)[2:5], axis=1)
     np.testing.assert_allclose(size, TENSIONS, rtol=1e-4)
+
+
+def test_what_a_later_phase_adds_does_not_hold_the_search():
+    """A tension stated in the first phase is that of a structure without the tie that comes later.
+
+    The tie would keep the top from moving: with it in the search the length is another one.
+    """
+    nodes = [[-8.0, 0, 0], [0, 0, 10.0], [0, 0, 0], [8.0, 0, 0], [-8.0, 0, 10.0]]
+    groups = {
+        "guy": jc.Catenaries([[0, 1]], axial_stiffness=4e7, weight=40.0),
+        "post": jc.Bars([[2, 1]], axial_stiffness=1e9),
+        "back": jc.Cables([[3, 1]], axial_stiffness=1e6),
+    }
+    held = jc.pinned([0, 2, 3, 4]) + jc.restrained([1], "y")
+    tied = groups | {"tie": jc.Bars([[4, 1]], axial_stiffness=1e9)}
+    structure = jc.Structure(nodes, tied, supports=held)
+    alone = jc.Structure(nodes[:4], groups, jc.pinned([0, 2, 3]) + jc.restrained([1], "y"))
+    first = jc.Phase(loads=jc.SelfWeight(), end_tension={"guy": 30e3})
+    stages = [first, jc.Phase(adds="tie", loads=jc.NodalLoads([1], (2e3, 0.0, 0.0)))]
+    built, single = jc.solve(structure, stages), jc.solve(alone, first)
+    assert int(built.status) == int(single.status) == jc.status.OK
+    pull = np.linalg.norm(np.asarray(built.phases[0].reactions)[0])  # at the lower end
+    assert pull == pytest.approx(30e3, rel=1e-6)
+    length = np.asarray(single.rest_length["guy"])
+    np.testing.assert_allclose(np.asarray(built.rest_length["guy"]), length, rtol=1e-9)
+    held_fast = jc.solve(structure, first)  # the tie is there from the beginning
+    assert np.abs(np.asarray(held_fast.rest_length["guy"]) / length - 1).max() > 1e-4
+
+    def of_tension(tension):
+        phase = jc.replace(first, end_tension={"guy": tension})
+        found = jc.solve(structure, [phase, stages[1]])
+        return jnp.linalg.norm(found.phases[0].reactions[0]), found.status
+
+    traced, code = jax.jit(of_tension)(30e3)
+    assert int(code) == jc.status.OK and float(traced) == pytest.approx(30e3, rel=1e-6)

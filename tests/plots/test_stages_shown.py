@@ -153,5 +153,5 @@ def test_the_command_line_counts_them(hung, tmp_path, capsys):
     jc.save_scene(tmp_path / "hung.json", (structure, phases))
     main(["info", str(tmp_path / "hung.json")])
     text = capsys.readouterr().out
-    assert "adds 1 of row" in text and "removes 1 of aid" in text
+    assert "adds row (element 1 of 2)" in text and "removes aid\n" in text
     assert text.count("3 of 3 elements active") == 1
