@@ -148,7 +148,7 @@ def _document_table(name: str, table: Table, most: int | None, scales: Scales, u
         for column, is_numeric in zip(texts, numeric, strict=False)  # no texts without rows
     ]
     widths, least = (  # in points
-        {k: _width(names[k], shown_units[k], texts[k], longest) for k in shown}
+        {k: _column_width(names[k], shown_units[k], texts[k], longest) for k in shown}
         for longest in (_LONGEST, _SHORTEST)
     )
     parts = []
@@ -161,7 +161,7 @@ def _document_table(name: str, table: Table, most: int | None, scales: Scales, u
     return DocumentTable(name, table.title, parts, notes)
 
 
-def _width(heading, unit, texts, longest):
+def _column_width(heading, unit, texts, longest):
     """Return the width of a column in points: of its cells, and of the words of its heading.
 
     Cells of more than `longest` characters wrap, but a word does only if it has very many.

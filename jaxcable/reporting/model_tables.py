@@ -98,11 +98,14 @@ def _property_table(structure: Structure, units: Units | None) -> Table:
     numbers: list[Float[np.ndarray, " n"]] = []
     also: list[str | None] = []
     for label, group in named_groups_of(structure):
-        values = np.column_stack([*_stiffnesses_of(group), *_numbers_of(group)])
+        values = np.column_stack([*_stiffnesses_of(group), *_stated_properties(group)])
         more = _further_properties(group, units)
         start = 0
         for stop in range(1, len(values) + 1):
-            if stop == len(values) or not _same(values[start], values[stop]):
+            same = stop < len(values) and np.array_equal(
+                values[start], values[stop], equal_nan=True
+            )
+            if not same:
                 which = str(start) if stop - start == 1 else f"{start} to {stop - 1}"
                 heads.append((label, type(group).__name__, which))
                 numbers.append(values[start])
@@ -117,11 +120,6 @@ def _property_table(structure: Structure, units: Units | None) -> Table:
     ]
     notes = ["EA, EIy, EIz, GJ: at zero strain, of beams about the axis through their nodes"]
     return make_table("Properties of elements", columns, notes)
-
-
-def _same(a, b):
-    """Return whether two rows of properties are the same, NaN where there are none."""
-    return np.array_equal(a, b, equal_nan=True)
 
 
 def _stiffnesses_of(group: Element) -> list[Float[np.ndarray, " n_elem"]]:
@@ -154,7 +152,7 @@ def _number_or_nan(thing, name):
     return np.asarray(np.nan if value is None else value, float)
 
 
-def _numbers_of(group):
+def _stated_properties(group):
     """Return the `_PROPERTIES` of each element, [n_elem] each; a weight only along an axis."""
     count = len(group.links)
     stated = {name: _number_or_nan(group, name) for name in _PROPERTIES}

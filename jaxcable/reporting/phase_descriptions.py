@@ -57,7 +57,7 @@ def describe_activation(k: int, structure: Structure, presence: Activation) -> l
             before = present[k - 1] if k else first
             changed = np.flatnonzero(present[k].astype(int) - before.astype(int) == change)
             if len(changed):
-                parts.append(_some_of(label, changed, len(before)))
+                parts.append(_chosen_elements_text(label, changed, len(before)))
         if parts:
             lines.append(f"{word} {', '.join(parts)}")
     total = sum(present.shape[1] for present in presence.present)
@@ -65,7 +65,7 @@ def describe_activation(k: int, structure: Structure, presence: Activation) -> l
     return [*lines, f"{active} of {total} elements active"]
 
 
-def _some_of(label: str, elements: Int[np.ndarray, " n"], count: int) -> str:
+def _chosen_elements_text(label: str, elements: Int[np.ndarray, " n"], count: int) -> str:
     """Return some elements of a group of `count` in words: its name, and which if not all."""
     if len(elements) == count:
         return label or "all elements"
@@ -95,7 +95,7 @@ def _describe_values(
             meant = np.flatnonzero(stated.chosen)
         unit = statements_of(group)[name].unit
         text = range_with_unit(values[meant], unit, units).removesuffix(" -")
-        parts.setdefault(text, []).append(_some_of(label, meant, len(values)))
+        parts.setdefault(text, []).append(_chosen_elements_text(label, meant, len(values)))
     single = len(statements) == 1
     described = [
         text if single and names == ["all elements"] else f"{text} on {', '.join(names)}"

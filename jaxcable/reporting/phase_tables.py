@@ -12,7 +12,7 @@ from ..model.structure import Structure
 from .axial_forces import peak_forces
 from .columns import concatenate_groups, element_columns
 from .displacements import displacement_tables
-from .reactions import ground_rows, supported_components
+from .reactions import ground_rows, supported_components, total_reaction
 from .states import EnvelopeState
 from .table import Column, Table, make_table
 
@@ -62,11 +62,11 @@ def _force_table(structure, phases):
 
 def _reaction_table(structure, phases):
     """Return the table of reactions at the end of each phase, with their sums."""
-    values = {name: _reactions(structure, end) for name, end in phases.items()}
-    every = np.abs(np.nan_to_num(np.array(list(values.values()))))
-    force = every[..., :3].max(initial=0.0)
-    limits = _ROUNDING * np.repeat([force, max(force, every.max(initial=0.0))], 3)
-    acts = (every > limits).any(axis=0)  # [n_place, 6]
+    values = {name: _reactions_by_place(structure, end) for name, end in phases.items()}
+    every = np.abs(np.array(list(values.values())))  # NaN: not supported, which is no reaction
+    force = np.nanmax(every[..., :3], initial=0.0)
+    limits = _ROUNDING * np.repeat([force, np.nanmax(every, initial=0.0)], 3)
+    acts = (every > limits).any(axis=0)  # [n_place, 6]; NaN is not above
     rows = [
         [node, name, *(values[name][k] + 0.0)]
         for k, node in enumerate(_places(structure, next(iter(phases.values()))))
@@ -87,13 +87,13 @@ def _reaction_table(structure, phases):
 
 
 def _places(structure, end):
-    """Return what is in the rows of `_reactions`: nodes, nodes of springs, and "sum"."""
+    """Return what is in the rows of `_reactions_by_place`: nodes, nodes of springs, and "sum"."""
     pairs = zip(*ground_rows(structure, end.result)[:2], strict=True)
     ground = [f"{node}, {by}" for node, by in pairs]
     return [*range(structure.n_node), *ground, "sum"]
 
 
-def _reactions(structure, end) -> Float[np.ndarray, "n_place 6"]:
+def _reactions_by_place(structure, end) -> Float[np.ndarray, "n_place 6"]:
     """Return reactions of a state by place, N and N m; NaN where it is not supported."""
     forces = np.asarray(end.result.reactions, float)
     moments = np.full_like(forces, np.nan)
@@ -101,7 +101,6 @@ def _reactions(structure, end) -> Float[np.ndarray, "n_place 6"]:
         moments = np.asarray(end.result.reaction_moments, float)
     held = supported_components(structure, end.fixed)
     found = np.where(held, np.hstack([forces, moments]), np.nan)
-    ground = ground_rows(structure, end.result).values
-    total = np.full((1, 6), np.nan)
-    total[0, :3] = forces.sum(axis=0) + np.nan_to_num(ground[:, :3]).sum(axis=0)
-    return np.vstack([found, ground, total])
+    total = np.full((1, 6), np.nan)  # moments about different places have no sum
+    total[0, :3] = total_reaction(structure, end.result)
+    return np.vstack([found, ground_rows(structure, end.result).values, total])

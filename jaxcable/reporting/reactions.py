@@ -92,10 +92,11 @@ def reaction_table(
     return make_table(title, columns, notes)
 
 
-def total_reaction(structure: Structure, state: State) -> Float[np.ndarray, " 3"]:
+def total_reaction(structure: Structure, state: State | Results) -> Float[np.ndarray, " 3"]:
     """Return the sum of all reactions of a state, those of springs on the ground too, N, [3]."""
-    ground = np.nan_to_num(ground_rows(structure, state).values[:, :3]).sum(axis=0)
-    return np.asarray(state.reactions, float).sum(axis=0) + ground
+    forces = ground_rows(structure, state).values[:, :3]
+    # NaN only where a spring does not act or is not active: it adds nothing there
+    return np.asarray(state.reactions, float).sum(axis=0) + np.nansum(forces, axis=0)
 
 
 class GroundRows(NamedTuple):
