@@ -73,8 +73,11 @@ def _import_members(module: str, *names: str) -> Any:
 _jaxpr_tools = _import_members(
     "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
 )
+functions_of_primitives: dict[Any, Callable[..., Any]] = {}
+"""Functions that compute the results of the primitives of this package, by primitive."""
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 _unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
+_unused_tools = _import_members("jax.interpreters.partial_eval", "dce_jaxpr")
 
 
 def define_primitive(
@@ -119,6 +122,7 @@ def define_primitive(
         mlir.register_lowering(made, lowering)
         if narrow is not None and _unused_result_rules is not None:
             _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
+        functions_of_primitives[made] = evaluate
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None
@@ -197,6 +201,23 @@ def is_jaxpr(value: Any) -> bool:
 def is_jaxpr_literal(value: Any) -> bool:
     """Tell whether an operand of an equation in a jaxpr is a literal number, not a variable."""
     return hasattr(value, "val") and hasattr(value, "aval")
+
+
+def without_unused_equations(program: Any) -> Any:
+    """Return a closed jaxpr without equations that no result needs; the same where jax cannot."""
+    if _unused_tools is None:
+        return program
+    used = [True] * len(program.jaxpr.outvars)
+    less, _ = _unused_tools[0](program.jaxpr, used, instantiate=True)
+    return _jaxpr_tools[1](less, program.consts)
+
+
+def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
+    """Return the numbers of constants and carried values of an equation `scan`."""
+    if "num_consts" in parameters:
+        return parameters["num_consts"], parameters["num_carry"]
+    groups = parameters["ft_in"].unpack()  # since jax 0.12
+    return len(groups[0]), len(groups[1])
 
 
 def function_of_equations(
