@@ -272,8 +272,24 @@ def _make_dynamic_update(whole, sizes):
 def _stack(block, equation, inputs):
     shape, dtype = _shape(equation)
     places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
-    text = f"np.stack(({places},),{_stacking_axis(equation)})"
-    return [block.write(text, [block.full(x) for x in inputs], shape, dtype, work=4)]
+    text = f"np.array(({places},))"
+    if len(shape) > 1:
+        stack = block.names.helper(_make_stack, shape, dtype, _stacking_axis(equation))
+        text = f"{stack}({places})"
+    return [block.write(text, [block.full(x) for x in inputs], shape, dtype, work=2)]
+
+
+def _make_stack(shape, dtype, axis):
+    """Return the function that stacks arrays along an axis to an array of this shape."""
+    places = [(*(slice(None),) * axis, k) for k in range(shape[axis])]
+
+    def stack(*arrays):
+        found = np.empty(shape, dtype)
+        for place, x in zip(places, arrays, strict=True):
+            found[place] = x
+        return found
+
+    return stack
 
 
 @rule("unstack")

@@ -70,9 +70,14 @@ class Names:
         known: values of constants, by name.
     """
 
-    def __init__(self, functions: dict[str, Any], make_function: Callable[..., Any]):
+    def __init__(
+        self,
+        functions: dict[str, Any],
+        make_function: Callable[..., Any],
+        n_call: dict[int, int],
+    ):
         self.space = dict(functions)
-        self.make_function = make_function
+        self.make_function, self._n_call = make_function, n_call
         self._functions: dict[int, Any] = {}  # with the program, so that it stays
         self.known: dict[str, Any] = {}
         self._count = itertools.count()
@@ -114,6 +119,10 @@ class Names:
             self.space[name] = first
             self._functions[key] = name, program
         return self._functions[key][0]
+
+    def is_called_once(self, jaxpr: Any) -> bool:
+        """Tell whether a jaxpr of the program is called in one place only."""
+        return self._n_call.get(id(jaxpr)) == 1
 
     def helper(self, make: Callable[..., Any], *static: Hashable) -> str:
         """Return the name of the function ``make(*static)``, which is made once."""

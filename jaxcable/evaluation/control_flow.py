@@ -168,7 +168,7 @@ def _call(block, equation, inputs):
     given = equation.params
     names = ("jaxpr", "call_jaxpr", "call", "fun_jaxpr")
     program = next(given[name] for name in names if name in given)
-    return write_callable(block, program, inputs, [x.aval for x in equation.outvars])
+    return write_callable(block, program, inputs, [x.aval for x in equation.outvars], once=True)
 
 
 @rule("custom_linear_solve")
@@ -178,7 +178,7 @@ def _linear_solve(block, equation, inputs):
     first = sum(n[:2])
     operands = [*inputs[first : first + n[2]], *inputs[sum(n) :]]
     jaxpr = equation.params["jaxprs"].solve
-    return write_callable(block, jaxpr, operands, [x.aval for x in equation.outvars])
+    return write_callable(block, jaxpr, operands, [x.aval for x in equation.outvars], once=True)
 
 
 @rule("optimization_barrier")

@@ -10,7 +10,7 @@ import numpy as np
 from ..common import jax_internals as internals
 from . import arrays, control_flow, elementwise, indexing, matrices  # noqa: F401  (rules)
 from .block import Names
-from .writing import LimitReached, make_function
+from .writing import LimitReached, count_calls, make_function
 
 
 def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[np.ndarray, ...]]:
@@ -23,7 +23,8 @@ def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[
         NotImplementedError: an equation has no rule.
     """
     program = internals.without_unused_equations(program)
-    names = Names({**elementwise.FUNCTIONS, "LimitReached": LimitReached}, make_function)
+    functions = {**elementwise.FUNCTIONS, "LimitReached": LimitReached}
+    names = Names(functions, make_function, count_calls(program))
     compute = make_function(names, program)
     dtypes = [np.dtype(x.aval.dtype) for x in program.jaxpr.invars]
 

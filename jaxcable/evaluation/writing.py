@@ -45,20 +45,39 @@ def write_equations(
 
 
 def write_callable(
-    block: Block, program: Any, inputs: Sequence[Value], avals: Sequence[Any]
+    block: Block, program: Any, inputs: Sequence[Value], avals: Sequence[Any], once: bool = False
 ) -> list[Value]:
-    """Write a call of a jaxpr: its equations if they are few, else a function that is written later.
+    """Write a call of a jaxpr: its equations if they are few, else a function.
 
-    The function is written when it is first called.
+    The function is written when it is first called. With `once`, the equations are also written
+    here if there is no other call of the jaxpr in the program.
     """
     jaxpr, constants = inner_jaxpr(program)
-    if len(jaxpr.eqns) <= _INLINE:
+    if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
         return write_equations(block, jaxpr, constants, inputs)
     name = block.names.function(program)
     places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
     pure = not jaxpr.effects
     text = f"{name}(w,{places})" if inputs else f"{name}(w)"
     return block.write_call(text, [block.full(x) for x in inputs], avals, pure)
+
+
+def count_calls(program: Any) -> dict[int, int]:
+    """Return the number of calls of each jaxpr in a program, by the address of the jaxpr."""
+    counts: dict[int, int] = {}
+
+    def visit(jaxpr):
+        for equation in jaxpr.eqns:
+            for value in equation.params.values():
+                for inner in value if isinstance(value, tuple | list) else (value,):
+                    if internals.is_jaxpr(inner):
+                        own = inner_jaxpr(inner)[0]
+                        counts[id(own)] = counts.get(id(own), 0) + 1
+                        if counts[id(own)] == 1:
+                            visit(own)
+
+    visit(inner_jaxpr(program)[0])
+    return counts
 
 
 class LimitReached(Exception):
