@@ -171,6 +171,17 @@ def abstract_array(x: Any) -> Any:
     return jax.core.ShapedArray(x.shape, x.dtype)
 
 
+def abstract_argument(x: Any) -> jax.ShapeDtypeStruct:
+    """Return shape and dtype of an argument, which may be a number of Python or be traced."""
+    aval = x if isinstance(x, jax.core.ShapedArray) else jax.typeof(x)
+    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
+
+
+def as_operand(x: Any) -> Any:
+    """Return an argument of a primitive: arrays as they are, numbers as arrays of NumPy."""
+    return x if hasattr(x, "dtype") else np.asarray(x, jax.typeof(x).dtype)
+
+
 def convert_closure(
     function: Callable[[Any], Any], x: Any
 ) -> tuple[Callable[[Any, Any], Any], Any]:
@@ -391,6 +402,12 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
         return list(jax.device_put(list(arrays)))
     put = _client[0]
     return [put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays]
+
+
+def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
+    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device."""
+    device = jax.config.jax_default_device
+    return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
 
 
 _shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)

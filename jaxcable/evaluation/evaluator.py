@@ -10,7 +10,20 @@ import numpy as np
 from ..common import jax_internals as internals
 from . import arrays, control_flow, elementwise, indexing, matrices  # noqa: F401  (rules)
 from .block import Names
-from .writing import LimitReached, count_calls, make_function
+from .writing import LimitReached, count_calls, inner_jaxprs, make_function
+
+
+def count_equations(program: Any) -> int:
+    """Return the number of equations of a closed jaxpr, those of every call counted."""
+    known: dict[int, int] = {}
+
+    def count(jaxpr):
+        if id(jaxpr) not in known:
+            own = sum(1 + sum(map(count, inner_jaxprs(equation))) for equation in jaxpr.eqns)
+            known[id(jaxpr)] = own
+        return known[id(jaxpr)]
+
+    return count(program.jaxpr)
 
 
 def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[np.ndarray, ...]]:
@@ -33,9 +46,12 @@ def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[
         with np.errstate(all="ignore"):
             found = compute(work, *arrays)
         inputs = set(map(id, arrays))
-        return [
-            np.array(x) if getattr(x, "base", None) is not None or id(x) in inputs else x
-            for x in found
-        ]
+        # jax may keep the memory of an array: it must be nobody else's
+        return [np.array(x) if _is_shared(x, inputs) else np.asarray(x) for x in found]
 
     return run
+
+
+def _is_shared(x, inputs):
+    """Tell whether an array is a view of another one, an input, or read-only."""
+    return isinstance(x, np.ndarray) and (x.base is not None or id(x) in inputs)

@@ -19,6 +19,13 @@ def inner_jaxpr(program: Any) -> tuple[Any, Sequence[Any]]:
     return getattr(program, "jaxpr", program), getattr(program, "consts", ())
 
 
+def inner_jaxprs(equation: Any) -> list[Any]:
+    """Return the jaxprs in the parameters of an equation."""
+    values = equation.params.values()
+    each = [x for value in values for x in (value if isinstance(value, tuple | list) else (value,))]
+    return [inner_jaxpr(x)[0] for x in each if internals.is_jaxpr(x)]
+
+
 def write_equations(
     block: Block, jaxpr: Any, constants: Sequence[Any], inputs: Sequence[Value]
 ) -> list[Value]:
@@ -67,14 +74,10 @@ def count_calls(program: Any) -> dict[int, int]:
     counts: dict[int, int] = {}
 
     def visit(jaxpr):
-        for equation in jaxpr.eqns:
-            for value in equation.params.values():
-                for inner in value if isinstance(value, tuple | list) else (value,):
-                    if internals.is_jaxpr(inner):
-                        own = inner_jaxpr(inner)[0]
-                        counts[id(own)] = counts.get(id(own), 0) + 1
-                        if counts[id(own)] == 1:
-                            visit(own)
+        for own in (inner for equation in jaxpr.eqns for inner in inner_jaxprs(equation)):
+            counts[id(own)] = counts.get(id(own), 0) + 1
+            if counts[id(own)] == 1:
+                visit(own)
 
     visit(inner_jaxpr(program)[0])
     return counts
