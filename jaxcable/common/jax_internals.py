@@ -177,6 +177,12 @@ def abstract_argument(x: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
 
 
+def without_axis(x: jax.ShapeDtypeStruct, axis: int) -> jax.ShapeDtypeStruct:
+    """Return the shape of a case of a batch along an axis."""
+    shape = x.shape[:axis] + x.shape[axis + 1 :]
+    return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
+
+
 def as_operand(x: Any) -> Any:
     """Return an argument of a primitive: arrays as they are, numbers as arrays of NumPy."""
     return x if hasattr(x, "dtype") else np.asarray(x, jax.typeof(x).dtype)

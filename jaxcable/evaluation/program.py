@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import threading
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import jax
+import numpy as np
 
 from ..common import jax_internals as internals
 from ..common.compilation import without_garbage_collection
@@ -31,15 +33,13 @@ class Program:
         leaves: arrays in the shapes and dtypes of its arguments; their values do not matter.
 
     Attributes:
-        tree: tree of what the function returns, known after it has been traced.
         work: work that NumPy has done with it, see `decision`.
     """
 
     def __init__(self, function: Callable[..., Any], leaves: Sequence[Any]):
         self._function, self._avals = function, [internals.abstract_argument(x) for x in leaves]
-        self.tree: Any = None
+        self._tree: Any = None
         self.work = 0.0
-        self._n_equation = 0
         self._has_rules = True
         self._numpy: Callable[..., Any] | None = None
         self._xla: Callable[..., Any] | None = None
@@ -47,8 +47,10 @@ class Program:
         self._lock = threading.RLock()
 
     def function(self, *leaves: Array) -> list[Array]:
-        """Return the leaves of what the function returns, and note its tree."""
-        found, self.tree = jax.tree.flatten(self._function(*leaves))
+        """Return the leaves of what the function returns, for tracing."""
+        if "traced" in self.__dict__:  # its equations: what it calls is not traced again
+            return internals.function_of_jaxpr(self.traced.jaxpr)(*leaves)
+        found, self._tree = jax.tree.flatten(self._function(*leaves))
         return found
 
     @functools.cached_property
@@ -62,6 +64,11 @@ class Program:
             return jax.jit(function, compiler_options=options).trace(*self._avals)
 
     @property
+    def tree(self) -> Any:
+        """Tree of what the function returns; it has been traced."""
+        return self._tree
+
+    @property
     def avals(self) -> list[Any]:
         """Shapes and dtypes of the results."""
         return list(self.traced.jaxpr.out_avals)
@@ -73,11 +80,16 @@ class Program:
                 self._derived[key] = make()
             return self._derived[key]
 
+    @functools.cached_property
+    def n_equation(self) -> int:
+        """Number of equations that XLA would compile, those of every call counted."""
+        return count_equations(self.traced.jaxpr)
+
     def run(self, leaves: Sequence[Any]) -> list[Array]:
         """Return the leaves of the results for known arrays."""
         way = decision.way_now()
         if way == "numpy" or (way == "auto" and self._xla is None):
-            found = self._evaluate(way, leaves)
+            found = self._run_by_numpy(way, leaves)
             if found is not None:
                 return internals.arrays_on_default_device(found)
         with self._lock:
@@ -86,25 +98,72 @@ class Program:
                     self._xla = self.traced.lower().compile()
         return self._xla(*leaves)
 
-    def _evaluate(self, way, leaves):
+    def _run_by_numpy(self, way, leaves):
         """Return the results by NumPy; None if the program is to be compiled."""
-        if not self._has_rules:
+        if not self._has_rules or decision.is_compiled(way, self.work, self.n_equation):
             return None
+        work = [0.0, decision.most_work(way, self.n_equation)]
         try:
-            with self._lock:
-                if self._numpy is None:
-                    with without_garbage_collection():
-                        self._n_equation = count_equations(self.traced.jaxpr)
-                        self._numpy = write_program(self.traced.jaxpr)
-            if decision.is_compiled(way, self.work, self._n_equation):
-                return None
-            work = [0.0, decision.most_work(way, self._n_equation)]
-            try:
-                return self._numpy(leaves, work)
-            finally:
-                self.work += work[0]
+            return self.evaluate(leaves, work)
         except LimitReached:
             return None
         except NotImplementedError:  # a primitive without a rule
             self._has_rules = False
             return None
+        finally:
+            self.work += work[0]
+
+    def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
+        """Return the results by NumPy; arguments and errors as of `evaluator.write_program`."""
+        with self._lock:
+            if self._numpy is None:
+                with without_garbage_collection():
+                    self._numpy = write_program(self.traced.jaxpr)
+        return self._numpy(leaves, work)
+
+
+class MappedProgram(Program):
+    """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
+
+    Args:
+        base: `Program` of a case.
+        axes: axis of every argument along which the cases are, None for what they share.
+        leaves: arguments of the batch, in their shapes.
+    """
+
+    def __init__(self, base: Program, axes: Sequence[int | None], leaves: Sequence[Any]):
+        super().__init__(jax.vmap(base.function, tuple(axes)), leaves)
+        self._base, self._axes = base, axes
+        pairs = zip(self._avals, axes, strict=True)
+        self._n_case = next(x.shape[axis] for x, axis in pairs if axis is not None)
+
+    @property
+    def tree(self) -> Any:
+        """Tree of what the function returns."""
+        return self._base.tree
+
+    @property
+    def n_equation(self) -> int:  # type: ignore[override]
+        """Number of equations that XLA would compile: batched loops have more than their case."""
+        return 2 * self._base.n_equation
+
+    @property
+    def avals(self) -> list[Any]:
+        """Shapes and dtypes of the results."""
+        return [x.update(shape=(self._n_case, *x.shape)) for x in self._base.avals]
+
+    def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
+        """Return the results by NumPy, case by case if that is less work than to trace the batch."""
+        leaves = [np.asarray(x) for x in leaves]
+        rows = [
+            itertools.repeat(x) if axis is None else np.moveaxis(x, axis, 0)
+            for x, axis in zip(leaves, self._axes, strict=True)
+        ]
+        found = []
+        for case in zip(*rows) if self._numpy is None else ():
+            found.append(self._base.evaluate(case, work))
+            if work[0] * self._n_case / len(found) > decision.work_of_tracing(self.n_equation):
+                break  # known after the first case, as a rule
+        if len(found) < self._n_case:
+            return super().evaluate(leaves, work)
+        return [np.stack(parts) for parts in zip(*found, strict=True)]

@@ -23,7 +23,7 @@ from ..common.compilation import (
     program_settings,
     without_garbage_collection,
 )
-from .program import Program
+from .program import MappedProgram, Program
 
 MOST_PROGRAMS = 32
 """Programs of a function that are known at the same time, so that a process does not grow."""
@@ -69,7 +69,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         with lock:
             program = known.pop(key, None)
             if program is None:
-                program = Program(own if axes is None else jax.vmap(own, axes), leaves)
+                program = _make_program(own, leaves, axes)
             known[key] = program  # as the last one
             while len(known) > MOST_PROGRAMS:
                 known.popitem(last=False)
@@ -81,6 +81,15 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
 
     run.known = known
     return run
+
+
+def _make_program(function, leaves, axes):
+    """Return the `Program` of a function of arrays, or that of a batch along `axes`."""
+    if axes is None:
+        return Program(function, leaves)
+    pairs = zip(map(internals.abstract_argument, leaves), axes, strict=True)
+    case = [x if axis is None else internals.without_axis(x, axis) for x, axis in pairs]
+    return MappedProgram(Program(function, case), axes, leaves)
 
 
 def _signature(x):
@@ -204,7 +213,7 @@ def _batch(primitive, arguments, axes, *, program, **given):
     """Rule for `jax.vmap`: the program of the batch."""
     sizes = {x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None}
     key = "vmap", tuple(axes), *sizes
-    own = program.derived(key, lambda: Program(jax.vmap(program.function, axes), arguments))
+    own = program.derived(key, lambda: MappedProgram(program, axes, arguments))
     found = primitive.bind(*arguments, program=own, **given)
     return found, [0] * len(found)
 
