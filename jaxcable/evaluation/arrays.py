@@ -169,7 +169,7 @@ def _reduce(function, block, equation, inputs):
     typed = f",dtype='{dtype}'" if dtype.kind in "iu" else ""
     axis = axes[0] if len(axes) == 1 else axes
     x = block.full(x)
-    work = 1 + math.prod(x.shape) / 3000
+    work = 1 + math.prod(x.shape) / 1000
     return [block.write(f"{function}.reduce({{0}},{axis}{typed})", [x], shape, dtype, work=work)]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 _LARGEST_FOLDED = 200_000  # entries of an array that is computed while the program is written
 _LARGEST_KEPT = 4096  # entries of arrays that are not deleted after their last use
-_ENTRIES_PER_CALL = 3000  # entries that NumPy works on in the time that a call of it takes
+_ENTRIES_PER_CALL = 1000  # entries that NumPy works on in the time that a call of it takes
 
 
 class Value(NamedTuple):

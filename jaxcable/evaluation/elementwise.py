@@ -21,7 +21,7 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{f: f"np.{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
     **{f: f"np.{f}({{0}})" for f in ("exp", "exp2", "expm1", "log", "log1p")},
     **{f"a{f}": f"np.arc{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{f: f"special.{f}({{0}})" for f in ("erf", "erfc", "digamma")},
+    **{f: f"special.{f}({{0}})" for f in ("erf", "erfc")},
     **{"erf_inv": "special.erfinv({0})", "lgamma": "special.gammaln({0})"},
     **{"logistic": "1/(1+np.exp(-{0}))", "atan2": "np.arctan2({0},{1})"},
     **{"add": "{0}+{1}", "add_any": "{0}+{1}", "sub": "{0}-{1}", "mul": "{0}*{1}"},
