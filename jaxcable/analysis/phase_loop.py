@@ -105,8 +105,6 @@ def _scan_phases(
         after = _LoopState(
             *(code, done.stable, copy_with(restart, loads=None), done.factored, reached, seen)
         )
-        if schedule.given_steps is not None:  # a phase that is padding does nothing
-            after = select_tree(steps[0] > 0, after, run)
         return after, (end, code, begin, path, done.log, done.points)
 
     evaluates = isinstance(method, Newton) and points is None

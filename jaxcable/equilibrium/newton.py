@@ -39,7 +39,7 @@ of lengths), so that its equilibria are its minima.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 from jax import lax
