@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             program gives arguments, its settings are restored at the end.
     """
     options = parser().parse_args(arguments)
-    with settings.command_settings(options.quiet, whole_process=arguments is None):
+    with settings.command_settings(whole_process=arguments is None):
         return run_guarded(_import_and_run, options)
 
 

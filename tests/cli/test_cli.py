@@ -20,7 +20,6 @@ import scenes
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.cli.parser import parser
-from jaxcable.common import compile_notice
 from jaxcable.files import FileError, codec
 
 ROOT = Path(__file__).parents[2]
@@ -519,7 +518,6 @@ QUIET = {
     "optimize": None,  # in `test_optimize_that_fails_writes_nothing_unasked`
     "convert": "net.json --save net.dxf",
     "schema": "",
-    "warm": None,  # `test_warm` looks at its programs
     "demo": "",
 }
 
@@ -545,22 +543,6 @@ def test_quiet_prints_errors(scene, refused, capsys):
     assert refused("info none.json --quiet").endswith("No such file or directory")
     assert command("info net.json") == 0  # stdout is back
     assert capsys.readouterr().out.startswith("scene of 12 nodes")
-
-
-@pytest.mark.parametrize("how", ["--tension 9000", "--force-density 900"])
-def test_compiling_is_said_in_a_terminal(how, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compile_notice, "_PAUSE", 1e-3)
-    jc.save_scene("saddle.json", jc.scenes.saddle(2, 3))
-    assert command(f"form saddle.json {how}") == 0
-    out, err = capsys.readouterr()
-    assert "compiling" not in err + out
-    monkeypatch.setattr(compile_notice, "_UNATTENDED", ())  # pytest, CI
-    monkeypatch.setattr(compile_notice, "_is_terminal", lambda stream: True)
-    jc.forget_programs()
-    assert command(f"form saddle.json {how}") == 0
-    out, err = capsys.readouterr()
-    assert err.count("\rcompiling the solver") == 1 and " \r" in err and "compiling" not in out
 
 
 def test_demo_prints_its_table_and_writes_its_picture(tmp_path, monkeypatch, capsys):
@@ -652,19 +634,6 @@ def test_an_error_of_the_program_is_not_hidden(scene, monkeypatch):
     monkeypatch.setattr("jaxcable.cli.solving.solver.solve", broken)
     with pytest.raises(ZeroDivisionError, match="a defect"):
         command("solve net.json")
-
-
-@pytest.mark.skipif(os.name != "posix", reason="modes of POSIX")
-def test_programs_are_not_kept_where_others_can_write(scene, capsys, monkeypatch):
-    (scene / "kept").mkdir()
-    (scene / "kept").chmod(0o777)
-    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(scene / "kept"))
-    assert command("info net.json") == 0
-    said = capsys.readouterr().err
-    assert said.startswith("jaxcable: warning: ") and said.count("\n") == 1
-    assert "other users can write to it" in said and "no programs are kept" in said
-    assert command("info net.json --quiet") == 0
-    assert capsys.readouterr().err == "" and not list((scene / "kept").iterdir())
 
 
 # --- comments in scenes
