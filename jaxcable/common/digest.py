@@ -208,9 +208,9 @@ def _definition_parts(value) -> Iterator[Any]:
         yield from (getattr(value, name, None) for name in _WRAPPED)
     elif isinstance(value, types.MappingProxyType):
         yield dict(value)
-    elif isinstance(value, np.memmap):  # its values may be more than memory can hold
+    elif isinstance(value, np.memmap) and value.filename:  # larger than memory, perhaps
         yield from (str(value.dtype), value.shape, value.offset, value.filename)
-        with contextlib.suppress(OSError, TypeError):
+        with contextlib.suppress(OSError):
             about = os.stat(value.filename)
             yield from (about.st_size, about.st_mtime_ns)
     else:

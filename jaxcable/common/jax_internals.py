@@ -26,6 +26,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import jaxlib.version
+import numpy as np
 
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
@@ -319,3 +320,23 @@ def reset_jax_cache() -> bool:
         return False
     found[0]()
     return True
+
+
+# --- arrays
+
+_client = _import_members("jaxlib.xla_client", "batched_device_put")
+
+
+def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[jax.Array]:
+    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device.
+
+    This takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
+    """
+    place = jax.sharding.SingleDeviceSharding(device)
+    if _client is None:
+        return list(jax.device_put(list(arrays)))
+    put = _client[0]
+    return [put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays]
+
+
+_shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)
