@@ -94,35 +94,17 @@ def make_pattern(
             Where two groups join the same unknowns with different signs, this is not used.
     """
     numbers = list(numbers)
-    listed = _list_matrix_entries(numbers, size, symmetric, paired)
-    key, _, opposite, _ = listed
+    key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
     entries, target = np.unique(key, return_inverse=True)
     some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
     np.logical_or.at(some, target, opposite)
     np.logical_and.at(all_, target, opposite)
     if (some != all_).any():
         return make_pattern(numbers, size, symmetric, name, exchanges_rows, definite)
-    row, column = entries // size, entries % size
-    band = _band_positions(row, column, size, symmetric)
+    row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
+    band = _band_positions(row, indices, size, symmetric)
     banded = symmetric and band[0] is not None
     solver = choose_solver(size, banded, name, exchanges_rows, definite)
-    signs = some if some.any() else None
-    settings = size, tuple(paired), symmetric, solver
-    return _pattern_on_entries(entries, band, signs, listed, settings)
-
-
-def _pattern_on_entries(entries, band, signs, listed, settings):
-    """Return the `Pattern` with these entries (row times size plus column, ascending).
-
-    Args:
-        entries: its entries, [n_value].
-        band: `order`, `place`, `band` and `upper_band`, or four None.
-        signs: `opposite`, or None.
-        listed: entries of element matrices, as `_list_matrix_entries` returns them.
-        settings: the static fields.
-    """
-    (key, source, _, m), (size, _, symmetric, solver) = listed, settings
-    row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
     indptr = np.searchsorted(row, np.arange(size + 1)).astype(np.int32)
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
     assert (row[diagonal] == indices[diagonal]).all()  # every unknown belongs to an element
@@ -131,12 +113,12 @@ def _pattern_on_entries(entries, band, signs, listed, settings):
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
     arrays = indptr, indices, unsigned_indices(diagonal), row, np.frombuffer(digest, np.uint32)
-    arrays = *arrays, *band, table, signs
+    arrays = *arrays, *band, table, some if some.any() else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
         found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m)
         sums = jax.tree.map(jax.device_put, found)
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in arrays]
-    return Pattern(sums, *placed, *settings)
+    return Pattern(sums, *placed, size, tuple(paired), symmetric, solver)
 
 
 def _list_matrix_entries(numbers, size, symmetric, paired):
