@@ -276,7 +276,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:
-        restart = copy_with(restart, states=join_states(groups, bundles, restart.states))
+        restart = copy_with(restart, states=_join_states(groups, bundles, restart.states))
     if schedule.present_at_start is not None:
         parts = zip(groups, restart.states, schedule.present_at_start, strict=True)
         states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
@@ -298,7 +298,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     return nodes, groups, restart, schedule
 
 
-def join_states(
+def _join_states(
     groups: Sequence[Element], bundles: Bundles, states: Sequence[OwnState]
 ) -> list[OwnState]:
     """Join element states to bundles, with a `thermal_stretch` where the elements expand.
