@@ -45,7 +45,7 @@ from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
 from .common.compilation import forget_programs
 from .common.fusion import fuse_loops
-from .common.program_store import keep_programs
+from .common.kept_programs import keep_programs
 from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace

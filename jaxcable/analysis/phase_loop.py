@@ -36,7 +36,7 @@ def analyse(without_indices, arrays, method, code, differentiate_path, listen, b
         without_indices, arrays, method, code, bundles: as in `PreparedAnalysis`.
         differentiate_path: as in `solve`.
         listen: function that is called after each increment, or None.
-        alone: whether no other program contains this one (set by `jit_program`).
+        alone: whether no other program contains this one (set by `as_program`).
 
     Returns:
         `Solution`, whose results of elements are lists over groups, and `ConvergedPoints`.
@@ -105,8 +105,6 @@ def _scan_phases(
         after = _LoopState(
             *(code, done.stable, copy_with(restart, loads=None), done.factored, reached, seen)
         )
-        if schedule.given_steps is not None:  # a phase that is padding does nothing
-            after = select_tree(steps[0] > 0, after, run)
         return after, (end, code, begin, path, done.log, done.points)
 
     evaluates = isinstance(method, Newton) and points is None

@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
+import numpy as np
 
-from .compile_notice import announce_compilation
 from .jax_internals import is_tracing, quick_compile_options
-from .program_store import argument_signature, load_or_compile
 
 # Unknowns up to which a program is compiled with `quick_compile_options`: it is as fast for some
 # hundred, and up to half as slow again for thousands.
@@ -35,13 +34,10 @@ def jit_program(function, static=()):
 
     The result takes more arguments by keyword: ``size``, the number of unknowns, few up to
     `_QUICK_UNKNOWNS`; and ``axes`` for a batch, the axis of every leaf of the arguments, or None.
-    ``result_shapes`` of the result takes the same, with `jax.ShapeDtypeStruct` for arrays that are
-    not known yet, and returns the shapes of what the program returns, which it compiles.
 
     Where it is called inside of another jax program, it becomes part of that program as with
     `jax.jit`, and ``size`` is ignored. A call from Python looks for the program among the last
-    `MOST_PROGRAMS` of this function, then on disk (`program_store`), and compiles it only if it is
-    in neither.
+    `MOST_PROGRAMS` of this function, and compiles it if it is not there.
 
     Args:
         function: its arguments are pytrees of arrays.
@@ -67,7 +63,7 @@ def jit_program(function, static=()):
         return find(arguments, leaves, options, size, axes)(*leaves)
 
     def find(arguments, leaves, options, size, axes):
-        """Return the compiled program: a known one, one from disk, or a new one."""
+        """Return the compiled program: a known one, or a new one."""
         small = size <= _QUICK_UNKNOWNS
         key = (
             jax.tree.structure(arguments),
@@ -80,56 +76,38 @@ def jit_program(function, static=()):
         with lock:
             compiled = known.pop(key, None)
         if compiled is None:
-            compiled = _compile_or_load(function, arguments, leaves, options, small, axes)
+            compiled = _compile(function, arguments, leaves, options, small, axes)
         with lock:
             known[key] = compiled  # as the last one
             while len(known) > MOST_PROGRAMS:
                 known.popitem(last=False)
         return compiled
 
-    def result_shapes(*arguments, size, axes=None, **options):
-        if "alone" in static:
-            options["alone"] = True
-        return find(arguments, jax.tree.leaves(arguments), options, size, axes).out_info
-
-    run.known, run.result_shapes = known, result_shapes
+    run.known = known
     _PROGRAMS.append(run)
     return run
 
 
 def call_announced(program: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of `jax.jit`, and announce that it is compiled if that takes long.
-
-    Nothing is announced inside of another program, which is compiled as a whole.
-    """
-    lower = getattr(program, "lower", None)
-    if lower is not None and is_top_level_call(jax.tree.leaves(arguments)) and not is_debugging():
-        with announce_compilation():
-            lower(*arguments).compile()  # jax keeps it for the call
+    """Call a function: nothing is announced; here until no caller asks for it."""
     return program(*arguments)
 
 
-def _compile_or_load(function, arguments, leaves, options, small, axes):
-    """Return the compiled program of `function`, loaded from disk or compiled now.
+def _compile(function, arguments, leaves, options, small, axes):
+    """Return the compiled program of `function`.
 
     It takes `leaves`, the arrays in the pytrees `arguments`; `options` are static arguments. With
     `small`, compiler options for few unknowns are used; `axes` are those of a batch, or None.
     """
-    words = function.__module__, function.__qualname__, small, *(() if axes is None else (axes,))
     tree = jax.tree.structure(arguments)
 
     def own(*leaves):  # jax forgets what it has traced together with it
         return function(*tree.unflatten(leaves), **options)
 
     program = own if axes is None else jax.vmap(own, axes)
-
-    def compiled():
-        quick = quick_compile_options() if small else None
-        with announce_compilation():
-            return jax.jit(program, compiler_options=quick).trace(*leaves).lower().compile()
-
+    quick = quick_compile_options() if small else None
     with without_garbage_collection():
-        return load_or_compile(compiled, words, arguments, options)
+        return jax.jit(program, compiler_options=quick).trace(*leaves).lower().compile()
 
 
 def forget_programs() -> None:
@@ -137,7 +115,7 @@ def forget_programs() -> None:
 
     A process that analyses structures of many different shapes grows with each of them: up to 32
     programs of `jc.solve`, and as many of each similar function, stay in memory, and all programs
-    of `jax.jit`. What is needed again is compiled again, or loaded from disk (`keep_programs`).
+    of `jax.jit`. What is needed again is compiled again, or read from disk (`keep_programs`).
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()
@@ -207,3 +185,15 @@ def is_top_level_call(leaves: Sequence[Any]) -> bool:
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
     return not is_tracing()
+
+
+def argument_signature(x: Any) -> Any:
+    """Return what a program depends on of an argument: shape, dtype and device; hashable.
+
+    Arrays of NumPy, and those of jax that are bound to no device, are the same to a program.
+    """
+    if isinstance(x, jax.Array):
+        free = not (x.weak_type or getattr(x, "committed", True))
+        return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
+    plain = np.ndarray | np.generic | jax.ShapeDtypeStruct
+    return (x.shape, x.dtype) if isinstance(x, plain) else type(x)

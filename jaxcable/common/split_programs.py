@@ -23,13 +23,11 @@ from jax import lax
 
 from . import jax_internals as internals
 from .compilation import (
-    call_announced,
+    argument_signature,
     is_debugging,
     program_settings,
     without_garbage_collection,
 )
-from .compile_notice import announce_compilation
-from .program_store import argument_signature
 from .types import Array, PyTree
 
 
@@ -251,14 +249,12 @@ class SplitProgram:
         Where it cannot be split (`can_be_split`), it is one program.
         """
         if not can_be_split(arguments):
-            return call_announced(self.whole, *arguments)
+            return self.whole(*arguments)
         key = _signature(arguments)
         leaves, tree = jax.tree.flatten(arguments)
-        if key in self.runs:
-            return self.runs[key](leaves)
-        with announce_compilation():
+        if key not in self.runs:
             self.runs[key] = _trace_and_split(self.function, leaves, tree)
-            return self.runs[key](leaves)
+        return self.runs[key](leaves)
 
 
 def can_be_split(arguments: PyTree[Any]) -> bool:
