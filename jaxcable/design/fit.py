@@ -18,7 +18,12 @@ from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..evaluation.program import as_program
-from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
+from .bounds import (
+    check_call_arguments,
+    check_search_arguments,
+    flat_vector,
+    search_or_input_status,
+)
 from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
 from .no_derivative import refuse_derivative
 from .returned_values import residuals_and_status
@@ -230,7 +235,7 @@ def fit_on_host(
 
 def _search_on_host(evaluate, params, box, tol, steps, listen):
     """Search in Python; `evaluate` and `listen` are as for `fit_on_host`."""
-    first = [evaluate(ravel_pytree(params)[0])]  # it tells the number of residuals
+    first = [evaluate(flat_vector(params))]  # it tells the number of residuals
 
     def evaluate_trial(state):
         return first.pop() if first else evaluate(state.trial)
@@ -246,7 +251,7 @@ def _search(loop, count, params, box, tol, steps, listen):
     """
     search = LevenbergMarquardt(box, tol, steps)
     report = make_report(listen, Trial, steps, lambda before, after: True, progress_numbers)
-    begin = _initial_state(search, ravel_pytree(params)[0], count=count)
+    begin = _initial_state(search, flat_vector(params), count=count)
     end = loop(functools.partial(_advance, search), begin, report)
     return _make_fit(search, end, params)
 
