@@ -180,7 +180,7 @@ def _map_chunks(program, cases, size, workers):
 
 
 def _are_numbers(cases):
-    """Return whether all leaves are known arrays that NumPy has, too: not traced, no random keys."""
+    """Return whether all leaves are arrays that NumPy has, too: not traced, no random keys."""
     return not any(
         isinstance(leaf, jax.core.Tracer)
         or jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.extended)

@@ -154,7 +154,8 @@ def minimize_subject_to(
     args = check_call_arguments(problem, args, rounds, "problem", "rounds")
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    solve, listen, program = nlp_solver_by_name(solver), as_listener(progress), _evaluations(problem)
+    solve, listen = nlp_solver_by_name(solver), as_listener(progress)
+    program = _evaluations(problem)
     start, back = flat_vector(params), ravel_pytree(params)[1]
     step = least = _typical_sizes(box, start)
     if scale is not None:

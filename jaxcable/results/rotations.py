@@ -14,6 +14,7 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float
+from ..evaluation.program import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..numerics import rotations
@@ -172,9 +173,9 @@ def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_n
     return jnp.asarray(results.rotation)
 
 
-@jax.jit
+@as_program
 def _node_tilts(quaternions, unit):
-    """Return tilt and twist of an axis in all nodes, compiled."""
+    """Return tilt and twist of an axis in all nodes, a program."""
     return _over_leading_axes(functools.partial(_tilt_and_twist, unit=unit), quaternions)
 
 
@@ -204,9 +205,9 @@ def _twist(q, along):
     return 2 * jnp.arctan2(sign * along, sign * q[0])
 
 
-@jax.jit
+@as_program
 def _chord_tilts(before, after, turned):
-    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements, compiled.
+    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements, a program.
 
     `before` and `after` are their chords, `turned` the rotations of both nodes, or None.
     """

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..evaluation.program import as_program
 from ..materials import Elastic
 from ..materials.law import Law, Numbers, Values
 
@@ -292,9 +293,9 @@ def _energy_of_law(law, strain, memory):
     return law.energy_at(strain, memory)
 
 
-@jax.jit
+@as_program
 def _initial_stiffness(section):
-    """Return the initial stiffness of a section, [3, 3]: `Fibres.stiffness`, compiled."""
+    """Return the initial stiffness of a section, [3, 3]: `Fibres.stiffness`, a program."""
     lever = section._lever_arms()
     modulus = section._repeat_per_fibre([law.modulus for law in section.laws])
     total = lever.T @ ((section.area * modulus)[:, None] * lever)
