@@ -206,12 +206,8 @@ def number_unknowns_by_axis(
         number[free] = np.arange(len(free), dtype=np.int32)
         number = number[ends]
         pattern = linear.make_pattern([number], len(free), True, solver)
-        with jax.ensure_compile_time_eval():  # known arrays, even if a caller is being traced
-            blocks.append(
-                _AxesSharingMatrix(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern)
-            )
-    with jax.ensure_compile_time_eval():
-        return jnp.asarray(ends), blocks
+        blocks.append(_AxesSharingMatrix(tuple(axes), free, number, pattern))
+    return ends, blocks
 
 
 @as_program

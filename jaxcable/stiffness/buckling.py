@@ -255,7 +255,7 @@ def _nodal_moments_act(without_indices, index_arrays):
 
 
 def _present_elements(first, second):
-    """Return pairs of masks of present elements in two `RestartState`, of groups with absent ones."""
+    """Return pairs of masks of present elements in two `RestartState`, where some are absent."""
     pairs = []
     for a, b in zip(first.states, second.states, strict=True):
         if a.present is not None or b.present is not None:  # None: all are present
