@@ -16,7 +16,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from ..common import status
-from ..common.compilation import jit_program
+from ..evaluation.program_calls import as_program
 from ..common.types import Array
 from ..mechanics.bundles import Bundles
 from .common_sizes import pad_analysis
@@ -31,14 +31,14 @@ from .size_maps import ArgumentMap, ResultMap, is_of_section, size_maps
 _FEW_DIRECTIONS = 8
 
 
-@functools.partial(jit_program, static=("bundles", "moving", "wanted"))
+@functools.partial(as_program, static=("bundles", "moving", "wanted"))
 def change_of_solution(core, points, changes, bundles, moving, wanted):
     """Return the changes of the results `wanted` for changes of the arguments `moving`."""
     results, at = _results_of(core, points, bundles, moving, wanted)
     return jax.jvp(results, (at,), (list(changes),))[1]
 
 
-@functools.partial(jit_program, static=("bundles", "moving", "wanted"))
+@functools.partial(as_program, static=("bundles", "moving", "wanted"))
 def adjoint_of_solution(core, points, cotangents, bundles, moving, wanted):
     """Return the cotangents of the arguments `moving` for those of the results `wanted`."""
     results, at = _results_of(core, points, bundles, moving, wanted)

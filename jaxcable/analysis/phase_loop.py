@@ -10,7 +10,7 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.compilation import jit_program
+from ..evaluation.program_calls import as_program
 from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
@@ -28,7 +28,7 @@ from .solution import Solution
 from .states import LastConvergedIncrement, make_state, system_at_last
 
 
-@functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
+@functools.partial(as_program, static=("differentiate_path", "listen", "bundles", "alone"))
 def analyse(without_indices, arrays, method, code, differentiate_path, listen, bundles, alone):
     """Run the analysis as one compiled program.
 

@@ -76,7 +76,7 @@ def call_without_results(words: Sequence[HostFunctionFamily | str], *arguments: 
         none = jax.ffi.ffi_call(name, (), has_side_effect=True, vmap_method="sequential")
         none(*arguments)
     else:
-        jax.debug.callback(_function_of_call_name(name), *arguments)
+        jax.debug.callback(function_of_call_name(name), *arguments)
 
 
 def call_on_host(
@@ -98,7 +98,7 @@ def call_on_host(
     name = _make_call_name(words)
     if jax.default_backend() == "cpu" and register_call(name):
         return tuple(jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments))
-    function = _function_of_call_name(name)
+    function = function_of_call_name(name)
 
     def converted(*arrays):
         results = function(*(np.asarray(array) for array in arrays))
@@ -108,7 +108,7 @@ def call_on_host(
     return jax.pure_callback(converted, tuple(shapes), *arguments, vmap_method="expand_dims")
 
 
-def _function_of_call_name(name):
+def function_of_call_name(name):
     """Return the NumPy function that programs call by a name of `_make_call_name`."""
     family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
@@ -120,4 +120,4 @@ def register_call(name: str) -> bool:
 
     Returns False if this version of jax has no such interface.
     """
-    return register_host_function(name, _function_of_call_name(name))
+    return register_host_function(name, function_of_call_name(name))

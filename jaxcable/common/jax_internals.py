@@ -73,8 +73,11 @@ def _import_members(module: str, *names: str) -> Any:
 _jaxpr_tools = _import_members(
     "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
 )
+functions_of_primitives: dict[Any, Callable[..., Any]] = {}
+"""Functions that compute the results of the primitives of this package, by primitive."""
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 _unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
+_unused_tools = _import_members("jax.interpreters.partial_eval", "dce_jaxpr")
 
 
 def define_primitive(
@@ -119,6 +122,7 @@ def define_primitive(
         mlir.register_lowering(made, lowering)
         if narrow is not None and _unused_result_rules is not None:
             _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
+        functions_of_primitives[made] = evaluate
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None
@@ -167,6 +171,23 @@ def abstract_array(x: Any) -> Any:
     return jax.core.ShapedArray(x.shape, x.dtype)
 
 
+def abstract_argument(x: Any) -> jax.ShapeDtypeStruct:
+    """Return shape and dtype of an argument, which may be a number of Python or be traced."""
+    aval = x if isinstance(x, jax.core.ShapedArray) else jax.typeof(x)
+    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
+
+
+def without_axis(x: jax.ShapeDtypeStruct, axis: int) -> jax.ShapeDtypeStruct:
+    """Return the shape of a case of a batch along an axis."""
+    shape = x.shape[:axis] + x.shape[axis + 1 :]
+    return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
+
+
+def as_operand(x: Any) -> Any:
+    """Return an argument of a primitive: arrays as they are, numbers as arrays of NumPy."""
+    return x if hasattr(x, "dtype") else np.asarray(x, jax.typeof(x).dtype)
+
+
 def convert_closure(
     function: Callable[[Any], Any], x: Any
 ) -> tuple[Callable[[Any, Any], Any], Any]:
@@ -197,6 +218,23 @@ def is_jaxpr(value: Any) -> bool:
 def is_jaxpr_literal(value: Any) -> bool:
     """Tell whether an operand of an equation in a jaxpr is a literal number, not a variable."""
     return hasattr(value, "val") and hasattr(value, "aval")
+
+
+def without_unused_equations(program: Any) -> Any:
+    """Return a closed jaxpr without equations that no result needs; the same where jax cannot."""
+    if _unused_tools is None:
+        return program
+    used = [True] * len(program.jaxpr.outvars)
+    less, _ = _unused_tools[0](program.jaxpr, used, instantiate=True)
+    return _jaxpr_tools[1](less, program.consts)
+
+
+def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
+    """Return the numbers of constants and carried values of an equation `scan`."""
+    if "num_consts" in parameters:
+        return parameters["num_consts"], parameters["num_carry"]
+    groups = parameters["ft_in"].unpack()  # since jax 0.12
+    return len(groups[0]), len(groups[1])
 
 
 def function_of_equations(
@@ -370,6 +408,12 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
         return list(jax.device_put(list(arrays)))
     put = _client[0]
     return [put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays]
+
+
+def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
+    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device."""
+    device = jax.config.jax_default_device
+    return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
 
 
 _shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)

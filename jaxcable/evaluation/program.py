@@ -1,32 +1,169 @@
-"""`as_program`: a function of jax that runs as a program of its own where numbers are known."""
+"""`Program`: a function of arrays, traced once, which NumPy evaluates or XLA compiles."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import itertools
+import math
+import threading
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
-from ..common.compilation import jit_program
+import jax
+import numpy as np
+
+from ..common import jax_internals as internals
+from ..common.compilation import without_garbage_collection
+from ..common.types import Array
+from . import decision
+from .evaluator import count_equations, write_program
+from .writing import LimitReached
+
+# Entries of the largest array of floats up to which a program is compiled with
+# `quick_compile_options`: it is as fast for some hundred unknowns, and up to half as slow again
+# for thousands.
+_QUICK_ENTRIES = 2000
 
 
-def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Callable[..., Any]:
-    """Return a function that runs as one program where it is called with known numbers.
-
-    Where it is called inside of another jax program, it becomes part of that program as with
-    `jax.jit`.
+class Program:
+    """A function of arrays of certain shapes. It is traced when it is first needed.
 
     Args:
-        function: its arguments are pytrees of arrays.
-        static: names of static arguments, which are hashable and given by keyword.
+        function: function of arrays to a pytree of arrays.
+        leaves: arrays in the shapes and dtypes of its arguments; their values do not matter.
 
-    Returns:
-        Function of the same arguments. By keyword it also takes ``axes``, for a batch: the axis of
-        every leaf of the arguments, or None for leaves that all cases share.
+    Attributes:
+        work: work that NumPy has done with it, see `decision`.
     """
-    program = jit_program(function, static)
 
-    @functools.wraps(function)
-    def run(*arguments, axes=None, **options):
-        return program(*arguments, size=0, axes=axes, **options)
+    def __init__(self, function: Callable[..., Any], leaves: Sequence[Any]):
+        self._function, self._avals = function, [internals.abstract_argument(x) for x in leaves]
+        self._tree: Any = None
+        self.work = 0.0
+        self._has_rules = True
+        self._numpy: Callable[..., Any] | None = None
+        self._xla: Callable[..., Any] | None = None
+        self._derived: dict[Hashable, Any] = {}
+        self._lock = threading.RLock()
 
-    return run
+    def function(self, *leaves: Array) -> list[Array]:
+        """Return the leaves of what the function returns, for tracing."""
+        if "traced" in self.__dict__:  # its equations: what it calls is not traced again
+            return internals.function_of_jaxpr(self.traced.jaxpr)(*leaves)
+        found, self._tree = jax.tree.flatten(self._function(*leaves))
+        return found
+
+    @functools.cached_property
+    def traced(self) -> Any:
+        """The function as jax has traced it (`jax.stages.Traced`)."""
+        with self._lock, without_garbage_collection():
+            sizes = [math.prod(x.shape) for x in self._avals if x.dtype.kind == "f"]
+            quick = max(sizes, default=0) <= _QUICK_ENTRIES
+            options = internals.quick_compile_options() if quick else None
+            function = self.function  # a new object: jax forgets the trace together with it
+            return jax.jit(function, compiler_options=options).trace(*self._avals)
+
+    @property
+    def tree(self) -> Any:
+        """Tree of what the function returns; it has been traced."""
+        return self._tree
+
+    @property
+    def avals(self) -> list[Any]:
+        """Shapes and dtypes of the results."""
+        return list(self.traced.jaxpr.out_avals)
+
+    def derived(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what has been made of this program under a key, such as its derivative."""
+        with self._lock:
+            if key not in self._derived:
+                self._derived[key] = make()
+            return self._derived[key]
+
+    @functools.cached_property
+    def n_equation(self) -> int:
+        """Number of equations that XLA would compile, those of every call counted."""
+        return count_equations(self.traced.jaxpr)
+
+    def run(self, leaves: Sequence[Any]) -> list[Array]:
+        """Return the leaves of the results for known arrays."""
+        way = decision.way_now()
+        if way == "numpy" or (way == "auto" and self._xla is None):
+            found = self._run_by_numpy(way, leaves)
+            if found is not None:
+                return internals.arrays_on_default_device(found)
+        with self._lock:
+            if self._xla is None:
+                with without_garbage_collection():
+                    self._xla = self.traced.lower().compile()
+        return self._xla(*leaves)
+
+    def _run_by_numpy(self, way, leaves):
+        """Return the results by NumPy; None if the program is to be compiled."""
+        if not self._has_rules or decision.is_compiled(way, self.work, self.n_equation):
+            return None
+        work = [0.0, decision.most_work(way, self.n_equation)]
+        try:
+            return self.evaluate(leaves, work)
+        except LimitReached:
+            return None
+        except NotImplementedError:  # a primitive without a rule
+            self._has_rules = False
+            return None
+        finally:
+            self.work += work[0]
+
+    def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
+        """Return the results by NumPy; arguments and errors as of `evaluator.write_program`."""
+        with self._lock:
+            if self._numpy is None:
+                with without_garbage_collection():
+                    self._numpy = write_program(self.traced.jaxpr)
+        return self._numpy(leaves, work)
+
+
+class MappedProgram(Program):
+    """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
+
+    Args:
+        base: `Program` of a case.
+        axes: axis of every argument along which the cases are, None for what they share.
+        leaves: arguments of the batch, in their shapes.
+    """
+
+    def __init__(self, base: Program, axes: Sequence[int | None], leaves: Sequence[Any]):
+        super().__init__(jax.vmap(base.function, tuple(axes)), leaves)
+        self._base, self._axes = base, axes
+        pairs = zip(self._avals, axes, strict=True)
+        self._n_case = next(x.shape[axis] for x, axis in pairs if axis is not None)
+
+    @property
+    def tree(self) -> Any:
+        """Tree of what the function returns."""
+        return self._base.tree
+
+    @property
+    def n_equation(self) -> int:  # type: ignore[override]
+        """Number of equations that XLA would compile: batched loops have more than their case."""
+        return 2 * self._base.n_equation
+
+    @property
+    def avals(self) -> list[Any]:
+        """Shapes and dtypes of the results."""
+        return [x.update(shape=(self._n_case, *x.shape)) for x in self._base.avals]
+
+    def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
+        """Return the results by NumPy, case by case if that is less work than to trace the batch."""
+        leaves = [np.asarray(x) for x in leaves]
+        rows = [
+            itertools.repeat(x) if axis is None else np.moveaxis(x, axis, 0)
+            for x, axis in zip(leaves, self._axes, strict=True)
+        ]
+        found = []
+        for case in zip(*rows) if self._numpy is None else ():
+            found.append(self._base.evaluate(case, work))
+            if work[0] * self._n_case / len(found) > decision.work_of_tracing(self.n_equation):
+                break  # known after the first case, as a rule
+        if len(found) < self._n_case:
+            return super().evaluate(leaves, work)
+        return [np.stack(parts) for parts in zip(*found, strict=True)]

@@ -1,0 +1,324 @@
+"""Source text of a program under construction: values, lines, blocks.
+
+A program is written as Python source in blocks: functions, bodies of loops, branches. What does not
+change in a loop is written before it, what is known is computed while the program is written, and
+what has been written before is not written again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+_LARGEST_FOLDED = 200_000  # entries of an array that is computed while the program is written
+_LARGEST_KEPT = 4096  # entries of arrays that are not deleted after their last use
+_ENTRIES_PER_CALL = 3000  # entries that NumPy works on in the time that a call of it takes
+
+
+class Value(NamedTuple):
+    """A value in the source.
+
+    Attributes:
+        name: name in the source.
+        shape: shape that it has in jax's program, None for what is no array.
+        dtype: its dtype.
+        held: the shape of the array that stands for it: `shape`, or with axes of length 1 where all
+            entries are alike, or () for a number. NumPy broadcasts it.
+        depth: depth of the block that computes it; 0 for constants.
+    """
+
+    name: str
+    shape: tuple[int, ...] | None
+    dtype: Any
+    held: tuple[int, ...] | None
+    depth: int
+
+
+class _Line(NamedTuple):
+    """A line of source, or a statement with a block.
+
+    Attributes:
+        results, used: names that it sets, and that it reads.
+        text: its text; that of the statement if it has a block.
+        pure: whether it can be left out if no result is used.
+        block: block of the statement, or None.
+        large: names among its results whose memory is given back after the last use.
+    """
+
+    results: tuple[str, ...]
+    used: tuple[str, ...]
+    text: str
+    pure: bool = True
+    block: Block | None = None
+    large: tuple[str, ...] = ()
+
+    def names_read(self) -> set[str]:
+        """Return the names that the line and its block read."""
+        inner = () if self.block is None else self.block.lines
+        return set(self.used).union(*(line.names_read() for line in inner))
+
+
+class Names:
+    """Names of a program, and what they stand for.
+
+    Attributes:
+        space: the globals of its functions.
+        known: values of constants, by name.
+    """
+
+    def __init__(
+        self,
+        functions: dict[str, Any],
+        make_function: Callable[..., Any],
+        n_call: dict[int, int],
+    ):
+        self.space = dict(functions)
+        self.make_function, self._n_call = make_function, n_call
+        self._functions: dict[int, Any] = {}  # with the program, so that it stays
+        self.known: dict[str, Any] = {}
+        self._count = itertools.count()
+        self._by_content: dict[Any, Value] = {}
+        self._helpers: dict[Any, str] = {}
+
+    def new(self, letter: str = "v") -> str:
+        """Return a name that is not used yet."""
+        return f"{letter}{next(self._count)}"
+
+    def constant(self, x: Any, shape: tuple[int, ...] | None = None) -> Value:
+        """Return a value for a known array or number; equal ones share a name.
+
+        `shape` is that in jax's program if the array is held in a smaller one.
+        """
+        x = np.asarray(x)
+        shape = x.shape if shape is None else shape
+        if x.size > 1 and x.size <= _LARGEST_FOLDED and _is_uniform(x):
+            x = x.reshape(-1)[0]
+        held = x.shape
+        key = (x.dtype, held, x.tobytes()) if x.size <= 16 else id(x)
+        found = self._by_content.get(key)
+        if found is None:
+            name = self.new("c")
+            self.space[name] = self.known[name] = x if x.ndim else x[()]
+            found = self._by_content[key] = Value(name, shape, x.dtype, held, 0)
+        return found._replace(shape=shape)
+
+    def function(self, program: Any) -> str:
+        """Return the name of the function that computes a jaxpr; it is written at its first call."""
+        key = id(program)
+        if key not in self._functions:
+            name = self.new("g")
+
+            def first(*arguments):
+                self.space[name] = self.make_function(self, program)
+                return self.space[name](*arguments)
+
+            self.space[name] = first
+            self._functions[key] = name, program
+        return self._functions[key][0]
+
+    def is_called_once(self, jaxpr: Any) -> bool:
+        """Tell whether a jaxpr of the program is called in one place only."""
+        return self._n_call.get(id(jaxpr)) == 1
+
+    def helper(self, make: Callable[..., Any], *static: Hashable) -> str:
+        """Return the name of the function ``make(*static)``, which is made once."""
+        key = make, static
+        if key not in self._helpers:
+            name = self._helpers[key] = self.new("h")
+            self.space[name] = make(*static)
+        return self._helpers[key]
+
+
+def _is_uniform(x):
+    """Return whether all entries of an array are the same bits."""
+    return x.tobytes() == x.reshape(-1)[:1].tobytes() * x.size
+
+
+class Block:
+    """A block of source: a function, the body of a loop, a branch.
+
+    Args:
+        names: `Names` of the program.
+        parent: the block that contains it; None for a function.
+        is_loop: whether it is the body of a loop.
+    """
+
+    def __init__(self, names: Names, parent: Block | None = None, is_loop: bool = False):
+        self.names, self.parent, self.is_loop = names, parent, is_loop
+        self.depth: int = 1 if parent is None else parent.depth + 1
+        self.lines: list[_Line] = []
+        self.work = 0.0
+        self._written: dict[Any, Any] = {}
+
+    def child(self, is_loop: bool = False) -> Block:
+        """Return a block within this one."""
+        return Block(self.names, self, is_loop)
+
+    def write(
+        self,
+        template: str,
+        inputs: Sequence[Value],
+        shape: tuple[int, ...] | None,
+        dtype: Any,
+        held: tuple[int, ...] | None = None,
+        work: float | None = None,
+    ) -> Value:
+        """Write an expression, and return its value.
+
+        Args:
+            template: the expression, with {0}, {1}, ... for the inputs.
+            inputs: values in it.
+            shape, dtype, held: as of `Value`; `held` is `shape` if it is None.
+            work: what it takes, in calls of a NumPy function; default: one, and that of its entries.
+        """
+        held = shape if held is None else held
+        entries = math.prod(held or ())
+        names = tuple(x.name for x in inputs)
+        if all(x.depth == 0 for x in inputs) and entries <= _LARGEST_FOLDED and shape is not None:
+            x = eval(template.format(*names), self.names.space)
+            return self.names.constant(x, shape)
+        block = self._outermost(inputs)
+        found = block.find(template, names)
+        if found is None:
+            found = Value(self.names.new(), shape, dtype, held, block.depth)
+            large = (found.name,) if entries > _LARGEST_KEPT else ()
+            text = f"{found.name}={template.format(*names)}"
+            block.lines.append(_Line((found.name,), names, text, large=large))
+            block.work += 1 + entries / _ENTRIES_PER_CALL if work is None else work
+            block._written[template, names] = found
+        return found._replace(shape=shape)
+
+    def write_call(
+        self, text: str, inputs: Sequence[Value], avals: Sequence[Any], pure: bool = True
+    ) -> list[Value]:
+        """Write a call that returns a tuple of arrays in full shapes; return their values.
+
+        `text` is a template; `avals` have the shapes and dtypes of the results.
+        """
+        names = tuple(x.name for x in inputs)
+        block = self._outermost(inputs) if pure else self
+        found = block.find(text, names) if pure else None
+        if found is None:
+            found = [
+                Value(self.names.new(), tuple(a.shape), np.dtype(a.dtype), tuple(a.shape), block.depth)
+                for a in avals
+            ]
+            results = tuple(x.name for x in found)
+            left = "".join(name + "," for name in results)
+            line = f"({left})={text.format(*names)}" if results else text.format(*names)
+            block.lines.append(_Line(results, names, line, pure))
+            block.work += 1
+            if pure:
+                block._written[text, names] = found
+        return found
+
+    def line_of(self, results: tuple[str, ...], used: tuple[str, ...], text: str) -> _Line:
+        """Return a line that remains if one of its results is read."""
+        return _Line(results, used, text)
+
+    def count_turns(self) -> None:
+        """Write, at the end of a loop's body, that the work of a turn is done."""
+        self.statement(f"w[0]+={round(self.work, 1)}", ())
+        self.statement("if w[0]>w[1]: raise LimitReached", ())
+
+    def _outermost(self, inputs):
+        """Return the outermost block, around loops only, that has all inputs."""
+        block, depth = self, max((x.depth for x in inputs), default=0)
+        while block.is_loop and depth < block.depth:
+            block = block.parent
+        return block
+
+    def find(self, template: str, names: tuple[str, ...]) -> Any:
+        """Return what has been written for an expression, here or around; None if nothing has."""
+        block: Block | None = self
+        while block is not None:
+            found = block._written.get((template, names))
+            if found is not None:
+                return found
+            block = block.parent
+        return None
+
+    def assign(self, names: Sequence[str], values: Sequence[Value], pure: bool = False) -> None:
+        """Write that variables get values, at once."""
+        if names:
+            used = tuple(x.name for x in values)
+            text = f"{','.join(names)}={','.join(used)}"
+            self.lines.append(_Line(tuple(names), used, text, pure))
+
+    def statement(
+        self,
+        text: str,
+        used: Sequence[str],
+        block: Block | None = None,
+        results: Sequence[str] = (),
+    ) -> None:
+        """Write a statement that always remains: a header with its block, or a line."""
+        self.lines.append(_Line(tuple(results), tuple(used), text, False, block))
+
+    def full(self, x: Value) -> Value:
+        """Return a value held in its full shape."""
+        if x.shape is None or x.held == x.shape:
+            return x
+        if x.depth == 0:
+            held = np.broadcast_to(self.names.known[x.name], x.shape)
+            ones = np.array(held)
+            name = self.names.new("c")
+            self.names.space[name] = self.names.known[name] = ones
+            return Value(name, x.shape, x.dtype, x.shape, 0)
+        ones = self.names.helper(np.ones, x.shape, x.dtype)
+        sign = "&" if np.dtype(x.dtype) == bool else "*"
+        return self.write(f"{{0}}{sign}{ones}", [x], x.shape, x.dtype)
+
+    def render(self, results: Sequence[Value]) -> list[str]:
+        """Return the lines of a function's block; `results` are what it returns."""
+        uses: dict[str, int] = dict.fromkeys((x.name for x in results), 1)
+        self._count(uses)
+        self._drop_unused(uses)
+        return list(self._text("", {x.name for x in results}))
+
+    def _count(self, uses):
+        """Count how often each name is read."""
+        for line in self.lines:
+            for name in line.used:
+                uses[name] = uses.get(name, 0) + 1
+            if line.block is not None:
+                line.block._count(uses)
+
+    def _drop_unused(self, uses):
+        """Remove lines whose results nobody reads."""
+        kept = []
+        for line in reversed(self.lines):
+            if line.pure and not any(uses.get(name) for name in line.results):
+                for name in line.used:
+                    uses[name] -= 1
+                continue
+            if line.block is not None:
+                line.block._drop_unused(uses)
+            kept.append(line)
+        self.lines = kept[::-1]
+
+    def _text(self, indent, needed):
+        """Yield the lines of the block; names that are `needed` after it are not deleted."""
+        last: dict[str, int] = {}
+        for k, line in enumerate(self.lines):
+            last |= dict.fromkeys(line.names_read(), k)
+        ends: dict[int, list[str]] = {}
+        for name in (name for line in self.lines for name in line.large):
+            if name in last and name not in needed:
+                ends.setdefault(last[name], []).append(name)
+        waiting: list[str] = []
+        for k, line in enumerate(self.lines):
+            yield indent + line.text
+            if line.block is not None:
+                yield from line.block._text(indent + " ", needed)
+            waiting += ends.get(k, [])
+            is_followed = k + 1 < len(self.lines) and self.lines[k + 1].text == "else:"
+            if waiting and not is_followed:
+                yield f"{indent}del {','.join(waiting)}"
+                waiting = []
+        if not self.lines:
+            yield indent + "pass"

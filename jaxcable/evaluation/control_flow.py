@@ -1,0 +1,241 @@
+"""Rules of loops, branches and calls: they become those of Python."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import numpy as np
+
+from ..common import host_calls
+from ..common import jax_internals as internals
+from .block import Value
+from .rules import rule
+from .writing import inner_jaxpr, write_callable, write_equations
+
+
+def _variable(block, aval):
+    """Return a new variable of a block that holds arrays of an abstract value."""
+    shape = tuple(aval.shape)
+    return Value(block.names.new(), shape, np.dtype(aval.dtype), shape, block.depth)
+
+
+def _begin_carry(block, body, inner, initial, following):
+    """Return values of carried variables in the body of a loop, and the names that change.
+
+    Args:
+        block, body: block with the loop, and its body.
+        inner: variables of the jaxpr for the values at the beginning of a turn.
+        initial: values at the first turn.
+        following: variables of the jaxpr for the values at the next turn.
+    """
+    carried, changing = [], []
+    for x, value, then in zip(inner, initial, following, strict=True):
+        if then is x:  # it never changes
+            carried.append(value)
+            continue
+        own = _variable(body, x.aval)
+        block.assign([own.name], [block.full(value)])
+        carried.append(own)
+        changing.append(own)
+    return carried, changing
+
+
+def _end_carry(body, carried, changing, results):
+    """Write the end of a turn: carried variables get their next values."""
+    names = {x.name for x in changing}
+    pairs = [
+        (own.name, body.full(new))
+        for own, new in zip(carried, results, strict=True)
+        if own.name in names and own.depth == body.depth
+    ]
+    body.assign([name for name, _ in pairs], [value for _, value in pairs])
+
+
+@rule("scan")
+def _scan(block, equation, inputs):
+    given = equation.params
+    jaxpr, constants = inner_jaxpr(given["jaxpr"])
+    n_const, n_carry = internals.counts_of_scan(given)
+    length, reverse = given["length"], given["reverse"]
+    shared, initial, xs = inputs[:n_const], inputs[n_const : n_const + n_carry], inputs[n_const + n_carry :]
+    stacked = [x.aval for x in equation.outvars[n_carry:]]
+    if length == 0:
+        return [*initial, *(block.names.constant(np.zeros(a.shape, a.dtype)) for a in stacked)]
+    inner = jaxpr.invars
+    if length == 1:
+        rows = [block.write("{0}[0]", [block.full(x)], x.shape[1:], x.dtype, work=0.3) for x in xs]
+        found = write_equations(block, jaxpr, constants, [*shared, *initial, *rows])
+        ys = [
+            block.write("{0}[None]", [block.full(x)], (1, *x.shape), x.dtype, work=0.3)
+            if x.shape
+            else block.write("np.array([{0}])", [x], (1,), x.dtype)
+            for x in found[n_carry:]
+        ]
+        return [*found[:n_carry], *ys]
+    body = block.child(is_loop=True)
+    index = Value(block.names.new("i"), (), np.dtype(np.intp), (), body.depth)
+    carried, changing = _begin_carry(
+        *(block, body, inner[n_const : n_const + n_carry], initial), jaxpr.outvars[:n_carry]
+    )
+    rows = [
+        x._replace(shape=x.shape[1:])
+        if x.held == ()
+        else body.write("{0}[{1}]", [block.full(x), index], x.shape[1:], x.dtype, work=0.3)
+        for x in xs
+    ]
+    found = write_equations(body, jaxpr, constants, [*shared, *carried, *rows])
+    ys = []
+    for aval, value in zip(stacked, found[n_carry:], strict=True):
+        own = _variable(block, aval)
+        dtype = np.dtype(aval.dtype)
+        block.lines.append(block.line_of((own.name,), (), f"{own.name}=np.empty({tuple(aval.shape)},'{dtype}')"))
+        body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
+        ys.append(own)
+    _end_carry(body, carried, changing, found[:n_carry])
+    order = f"range({length - 1},-1,-1)" if reverse else f"range({length})"
+    body.count_turns()
+    block.statement(f"for {index.name} in {order}:", (), body, [x.name for x in changing])
+    return [*(x._replace(depth=block.depth) if x in changing else x for x in carried), *ys]
+
+
+@rule("while")
+def _while(block, equation, inputs):
+    given = equation.params
+    test, of_test = inner_jaxpr(given["cond_jaxpr"])
+    jaxpr, constants = inner_jaxpr(given["body_jaxpr"])
+    n_test, n_body = given["cond_nconsts"], given["body_nconsts"]
+    for_test, for_body, initial = inputs[:n_test], inputs[n_test : n_test + n_body], inputs[n_test + n_body :]
+    body = block.child(is_loop=True)
+    carried, changing = _begin_carry(
+        block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars
+    )
+    (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
+    goes_on = body.full(goes_on)
+    any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
+    body.statement(f"if not {any_}: break", (goes_on.name,))
+    found = write_equations(body, jaxpr, constants, [*for_body, *carried])
+    if goes_on.shape:  # of a batch: cases that have ended stay
+        cases = len(goes_on.shape)
+        select = body.names.helper(_make_select, cases)
+        found = [
+            body.write(f"{select}({{0}},{{1}},{{2}})", [goes_on, body.full(new), body.full(old)], new.shape, new.dtype)
+            for new, old in zip(found, carried, strict=True)
+        ]
+    _end_carry(body, carried, changing, found)
+    body.count_turns()
+    block.statement("while True:", (), body, [x.name for x in changing])
+    return [x._replace(depth=block.depth) if x in changing else x for x in carried]
+
+
+def _make_select(n_axis):
+    """Return the function that takes new values in cases that go on, others before them."""
+
+    def select(goes_on, new, old):
+        shape = goes_on.shape + (1,) * (np.ndim(new) - n_axis)
+        return np.where(goes_on.reshape(shape), new, old)
+
+    return select
+
+
+@rule("cond")
+def _cond(block, equation, inputs):
+    which, *operands = inputs
+    branches = equation.params["branches"]
+    if which.depth == 0:
+        index = min(max(int(block.names.known[which.name]), 0), len(branches) - 1)
+        return write_equations(block, *inner_jaxpr(branches[index]), operands)
+    avals = [x.aval for x in equation.outvars]
+    results = [_variable(block, aval) for aval in avals]
+    names = [x.name for x in results]
+    for k, branch in enumerate(branches):
+        own = block.child()
+        found = write_callable(own, branch, operands, avals)
+        own.assign(names, [own.full(x) for x in found])
+        last = k == len(branches) - 1
+        sign = "<=" if k == 0 else "=="
+        header = "else:" if last else f"{'if' if k == 0 else 'elif'} {which.name}{sign}{k}:"
+        block.statement(header, (which.name,), own, names)
+    return results
+
+
+# --- calls
+
+
+@rule("jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint")
+@rule("custom_jvp_call", "custom_vjp_call", "custom_vmap_call")
+def _call(block, equation, inputs):
+    given = equation.params
+    names = ("jaxpr", "call_jaxpr", "call", "fun_jaxpr")
+    program = next(given[name] for name in names if name in given)
+    return write_callable(block, program, inputs, [x.aval for x in equation.outvars], once=True)
+
+
+@rule("custom_linear_solve")
+def _linear_solve(block, equation, inputs):
+    counts = equation.params["const_lengths"]
+    n = [counts.matvec, counts.vecmat, counts.solve, counts.transpose_solve]
+    first = sum(n[:2])
+    operands = [*inputs[first : first + n[2]], *inputs[sum(n) :]]
+    jaxpr = equation.params["jaxprs"].solve
+    return write_callable(block, jaxpr, operands, [x.aval for x in equation.outvars], once=True)
+
+
+@rule("optimization_barrier")
+def _barrier(block, equation, inputs):
+    return inputs
+
+
+@rule("platform_index")
+def _platform_index(block, equation, _):
+    for k, platforms in enumerate(equation.params["platforms"]):
+        if platforms is None or "cpu" in platforms:
+            return [block.names.constant(np.int32(k))]
+    raise NotImplementedError("platform_index")
+
+
+# --- functions on the host
+
+
+@rule("ffi_call")
+def _host_call(block, equation, inputs):
+    given, avals = equation.params, [x.aval for x in equation.outvars]
+    function = host_calls.function_of_call_name(given["target_name"])
+    return _write_host_call(block, function, inputs, avals, not given["has_side_effect"])
+
+
+@rule("pure_callback", "io_callback", "debug_callback")
+def _callback(block, equation, inputs):
+    avals = [x.aval for x in equation.outvars]
+    function = equation.params["callback"]
+    pure = equation.primitive.name == "pure_callback"
+    return _write_host_call(block, function, inputs, avals, pure)
+
+
+def _write_host_call(block, function, inputs, avals, pure):
+    """Write a call of a NumPy function that returns a sequence of arrays."""
+    shapes = tuple((tuple(a.shape), np.dtype(a.dtype)) for a in avals)
+    helper = block.names.helper(_make_host_call, function, shapes)
+    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
+    return block.write_call(f"{helper}({places})", [block.full(x) for x in inputs], avals, pure)
+
+
+def _make_host_call(function, shapes):
+    """Return the function that calls a NumPy function with arrays, and checks what it returns."""
+
+    def call(*arrays):
+        found = jax.tree.leaves(function(*(np.ascontiguousarray(x) for x in arrays)))
+        pairs = zip(found, shapes, strict=True)
+        return tuple(np.asarray(x, dtype).reshape(shape)[()] for x, (shape, dtype) in pairs)
+
+    return call
+
+
+@rule("traced")
+def write_by_tracing(block, equation, inputs):
+    """Write an equation of a primitive of this package by tracing the function of its value."""
+    avals = [jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype) for x in equation.invars]
+    evaluate = internals.functions_of_primitives[equation.primitive]
+    program = jax.make_jaxpr(functools.partial(evaluate, **equation.params))(*avals)
+    return write_equations(block, *inner_jaxpr(program), inputs)
+

@@ -1,0 +1,183 @@
+"""Rules of linear algebra: products by NumPy, factors and triangular solves by LAPACK of SciPy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import blas, lapack
+
+from .rules import rule
+
+
+def _aval(equation, k=0):
+    aval = equation.outvars[k].aval
+    return tuple(aval.shape), np.dtype(aval.dtype)
+
+
+@rule("dot_general")
+def _dot_general(block, equation, inputs):
+    a, b = inputs
+    shape, dtype = _aval(equation)
+    (of_a, of_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
+    a, b = block.full(a), block.full(b)
+    plain = not batch_a and len(of_a) == 1 and max(len(a.shape), len(b.shape)) <= 2
+    if plain and len(a.shape) and len(b.shape):
+        left = "{0}" if of_a[0] == len(a.shape) - 1 else "{0}.T"
+        right = "{1}" if of_b[0] == 0 else "{1}.T"
+        text = f"{left}.dot({right})"
+    else:
+        numbers = tuple(map(tuple, (of_a, of_b, batch_a, batch_b)))
+        text = f"{block.names.helper(_make_product, numbers, a.shape, b.shape)}({{0}},{{1}})"
+    if a.dtype != dtype or b.dtype != dtype:
+        text = f"({text}).astype('{dtype}')"
+    return [block.write(text, [a, b], shape, dtype)]
+
+
+def _make_product(numbers, shape_a, shape_b):
+    """Return the function that multiplies two arrays as `lax.dot_general` does."""
+    of_a, of_b, batch_a, batch_b = numbers
+    free_a = [k for k in range(len(shape_a)) if k not in (*of_a, *batch_a)]
+    free_b = [k for k in range(len(shape_b)) if k not in (*of_b, *batch_b)]
+    batch = [shape_a[k] for k in batch_a]
+    rows, columns = [shape_a[k] for k in free_a], [shape_b[k] for k in free_b]
+    inner = math.prod(shape_a[k] for k in of_a)
+    order_a, order_b = (*batch_a, *free_a, *of_a), (*batch_b, *of_b, *free_b)
+    flat_a, flat_b = (*batch, math.prod(rows), inner), (*batch, inner, math.prod(columns))
+    result = (*batch, *rows, *columns)
+
+    def product(a, b):
+        a, b = np.transpose(a, order_a).reshape(flat_a), np.transpose(b, order_b).reshape(flat_b)
+        return np.matmul(a, b).reshape(result)[()]
+
+    return product
+
+
+def _for_each(function, n_core):
+    """Return `function` mapped over leading axes; the last `n_core` axes are those of a case."""
+
+    def mapped(*arrays):
+        lead = arrays[0].shape[: arrays[0].ndim - n_core]
+        if not lead:
+            return function(*arrays)
+        cases = [x.reshape(-1, *x.shape[len(lead) :]) for x in arrays]
+        found = [function(*own) for own in zip(*cases, strict=True)]
+        if isinstance(found[0], tuple):
+            return tuple(np.stack(x).reshape(*lead, *x[0].shape) for x in zip(*found, strict=True))
+        return np.stack(found).reshape(*lead, *found[0].shape)
+
+    return mapped
+
+
+def _letter(dtype):
+    """Return the letter of a dtype in names of LAPACK; NotImplementedError for complex numbers."""
+    if dtype not in (np.float32, np.float64):
+        raise NotImplementedError(f"linear algebra of {dtype}")
+    return "s" if dtype == np.float32 else "d"
+
+
+def _write(block, equation, inputs, text):
+    """Write a call with the results of an equation; none where there is nothing to compute."""
+    avals = [x.aval for x in equation.outvars]
+    inputs = [block.full(x) for x in inputs]
+    if any(not math.prod(x.shape) for x in inputs):
+        raise NotImplementedError("linear algebra of nothing")
+    if len(avals) == 1:
+        return [block.write(text, inputs, *_aval(equation), work=4)]
+    return block.write_call(text, inputs, avals)
+
+
+@rule("cholesky")
+def _cholesky(block, equation, inputs):
+    function = block.names.helper(_make_cholesky, _letter(inputs[0].dtype))
+    return _write(block, equation, inputs, f"{function}({{0}})")
+
+
+def _make_cholesky(letter):
+    factorize = getattr(lapack, f"{letter}potrf")
+
+    def cholesky(a):
+        factor, failed = factorize(a, lower=1, clean=1)
+        return np.full_like(a, np.nan) if failed else factor
+
+    return _for_each(cholesky, 2)
+
+
+@rule("triangular_solve")
+def _triangular_solve(block, equation, inputs):
+    given = equation.params
+    solve = block.names.helper(
+        _make_triangular_solve,
+        *(_letter(inputs[0].dtype), bool(given["left_side"]), bool(given["lower"])),
+        *(bool(given["transpose_a"]), bool(given["unit_diagonal"])),
+    )
+    return _write(block, equation, inputs, f"{solve}({{0}},{{1}})")
+
+
+def _make_triangular_solve(letter, left_side, lower, transposed, unit):
+    solve = getattr(blas, f"{letter}trsm")
+
+    def triangular_solve(a, b):
+        # the transpose of an array in C order is in the order of LAPACK: no copy
+        if a.flags.c_contiguous:
+            a, low, turned = a.T, not lower, not transposed
+        else:
+            low, turned = lower, transposed
+        return solve(1.0, a, b, side=not left_side, lower=low, trans_a=turned, diag=unit)
+
+    return _for_each(triangular_solve, 2)
+
+
+@rule("lu")
+def _lu(block, equation, inputs):
+    function = block.names.helper(_make_lu, _letter(inputs[0].dtype))
+    return _write(block, equation, inputs, f"{function}({{0}})")
+
+
+def _make_lu(letter):
+    factorize = getattr(lapack, f"{letter}getrf")
+
+    def lu(a):
+        factor, pivots, _ = factorize(a)
+        return factor, pivots.astype(np.int32), permutation(pivots, len(a))
+
+    return _for_each(lu, 2)
+
+
+def permutation(pivots: np.ndarray, size: int) -> np.ndarray:
+    """Return the permutation of rows that pivots of LU factors stand for, [size] int32."""
+    order = np.arange(size, dtype=np.int32)
+    for i, k in enumerate(pivots):
+        order[i], order[k] = order[k], order[i]
+    return order
+
+
+@rule("lu_pivots_to_permutation")
+def _permutation(block, equation, inputs):
+    function = block.names.helper(_make_permutation, equation.params["permutation_size"])
+    return _write(block, equation, inputs, f"{function}({{0}})")
+
+
+def _make_permutation(size):
+    return _for_each(lambda pivots: permutation(pivots, size), 1)
+
+
+@rule("eigh")
+def _eigh(block, equation, inputs):
+    given = equation.params
+    if given.get("subset_by_index") not in (None, (0, inputs[0].shape[-1])):
+        raise NotImplementedError("some of the eigenvalues")
+    function = block.names.helper(_make_eigh, _letter(inputs[0].dtype), bool(given["lower"]))
+    return _write(block, equation, inputs, f"{function}({{0}})")
+
+
+def _make_eigh(letter, lower):
+    solve = getattr(lapack, f"{letter}syevd")
+
+    def eigh(a):
+        values, vectors, failed = solve(a, compute_v=1, lower=int(lower))
+        if failed:
+            return np.full_like(vectors, np.nan), np.full_like(values, np.nan)
+        return vectors, values
+
+    return _for_each(eigh, 2)

@@ -1,0 +1,243 @@
+"""`as_program`: a function that runs as a program of its own wherever numbers are known.
+
+Where jax differentiates or maps a call outside of `jax.jit`, the derivative and the batch are
+programs, too: the call is a primitive of jax, whose rules derive them from the program. They are
+kept with it.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..common import jax_internals as internals
+from ..common.compilation import (
+    is_debugging,
+    on_forget_programs,
+    program_settings,
+    without_garbage_collection,
+)
+from .program import MappedProgram, Program
+
+MOST_PROGRAMS = 32
+"""Programs of a function that are known at the same time, so that a process does not grow."""
+
+
+def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Callable[..., Any]:
+    """Return a function that runs as one program where it is called outside of `jax.jit`.
+
+    Where it is called inside of another jax program, it becomes part of that program as with
+    `jax.jit`.
+
+    Args:
+        function: its arguments are pytrees of arrays.
+        static: names of static arguments, which are hashable and given by keyword. One with the
+            name ``alone`` is set here: True if the function is a program of its own.
+
+    Returns:
+        Function of the same arguments. By keyword it also takes ``axes``, for a batch: the axis of
+        every leaf of the arguments, or None for leaves that all cases share.
+    """
+    plain = jax.jit(function, static_argnames=static)
+    known: OrderedDict[Any, Program] = OrderedDict()
+    lock = threading.Lock()
+    on_forget_programs(known.clear)
+
+    @functools.wraps(function)
+    def run(*arguments, axes=None, size=None, **options):
+        leaves, tree = jax.tree.flatten(arguments)
+        alone = _CALL is not None and not internals.is_tracing() and not is_debugging()
+        if "alone" in static:
+            options["alone"] = alone
+
+        def own(*leaves):
+            return function(*tree.unflatten(leaves), **options)
+
+        if not alone:
+            with without_garbage_collection():
+                if axes is None:
+                    return plain(*arguments, **options)
+                return jax.vmap(own, axes)(*leaves)
+        signature = tuple(map(_signature, leaves))
+        key = tree, signature, tuple(options.items()), axes, program_settings()
+        with lock:
+            program = known.pop(key, None)
+            if program is None:
+                program = _make_program(own, leaves, axes)
+            known[key] = program  # as the last one
+            while len(known) > MOST_PROGRAMS:
+                known.popitem(last=False)
+        if any(isinstance(x, jax.core.Tracer) for x in leaves):
+            found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
+        else:
+            found = program.run(leaves)
+        return program.tree.unflatten(found)
+
+    run.known = known
+    return run
+
+
+def _make_program(function, leaves, axes):
+    """Return the `Program` of a function of arrays, or that of a batch along `axes`."""
+    if axes is None:
+        return Program(function, leaves)
+    pairs = zip(map(internals.abstract_argument, leaves), axes, strict=True)
+    case = [x if axis is None else internals.without_axis(x, axis) for x, axis in pairs]
+    return MappedProgram(Program(function, case), axes, leaves)
+
+
+def _signature(x):
+    """Return what a program depends on of an argument: shape, dtype and device; hashable.
+
+    Arrays of NumPy, and those of jax that are bound to no device, are the same to a program.
+    """
+    if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
+        free = not (x.weak_type or getattr(x, "committed", True))
+        return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
+    return (x.shape, x.dtype) if hasattr(x, "dtype") else type(x)
+
+
+# --- the call as a primitive
+
+
+def _replace_entries(values, places, some):
+    """Return a copy of a list in which `some` replace the entries with the indices `places`."""
+    values = list(values)
+    for k, x in zip(places, some, strict=True):
+        values[k] = x
+    return values
+
+
+class _Linearization:
+    """The programs of a derivative: values and what the derivative needs, and the linear part.
+
+    Args:
+        program: `Program`.
+        moving: indices of its arguments by which it is differentiated.
+        leaves: arguments in their shapes.
+    """
+
+    def __init__(self, program, moving, leaves):
+        self.program, self.moving = program, moving
+        self.forward = Program(self._values_and_residuals, leaves)
+        self.linear = None
+
+    def _values_and_residuals(self, *leaves):
+        """Return the results, then what the linear part needs that is no argument."""
+
+        def of_moving(*some):
+            values = self.program.function(*_replace_entries(leaves, self.moving, some))
+            return [x for x in values if jnp.issubdtype(x.dtype, jnp.inexact)], values
+
+        at = [leaves[k] for k in self.moving]
+        _, linear, values = jax.linearize(of_moving, *at, has_aux=True)
+        part = jax.make_jaxpr(linear)(*at)
+        places = {id(x): k for k, x in enumerate(leaves)}
+        self.floats = [jnp.issubdtype(x.dtype, jnp.inexact) for x in values]
+        self.places, self.part = [places.get(id(x)) for x in part.consts], part.jaxpr
+        return [
+            *values,
+            *(x for x, place in zip(part.consts, self.places, strict=True) if place is None),
+        ]
+
+    def changes(self, primals, found, tangents):
+        """Return the changes of the results that are floats."""
+        residuals = iter(found[len(self.floats) :])
+        known = [next(residuals) if k is None else primals[k] for k in self.places]
+        count = len(known)
+        if self.linear is None:
+
+            def linear(*arguments):
+                return internals.bind_constants(self.part, arguments[:count])(*arguments[count:])
+
+            self.linear = Program(linear, [*known, *tangents])
+        return _LINEAR_CALL.bind(*known, *tangents, program=self.linear, count=count)
+
+
+def _call_jvp(primals, tangents, *, program, **_):
+    """Forward derivative: results and their changes, by a program each."""
+    moving = tuple(
+        k
+        for k, (x, change) in enumerate(zip(primals, tangents, strict=True))
+        if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero_tangent(change)
+    )
+    if not moving:
+        found = _CALL.bind(*primals, program=program)
+        return found, [internals.zero_tangent(x) for x in found]
+    own = program.derived(("jvp", moving), lambda: _Linearization(program, moving, primals))
+    found = _CALL.bind(*primals, program=own.forward)
+    changes = iter(own.changes(primals, found, [tangents[k] for k in moving]))
+    values = found[: len(own.floats)]
+    return values, [
+        next(changes) if is_float else internals.zero_tangent(x)
+        for x, is_float in zip(values, own.floats, strict=True)
+    ]
+
+
+def _linear_call_jvp(primals, tangents, *, program, count):
+    """Forward derivative of a call that is linear in all but its first `count` arguments."""
+    if any(not internals.is_zero_tangent(t) for t in tangents[:count]):
+        return _call_jvp(primals, tangents, program=program)
+    further = [*primals[:count], *map(internals.instantiate_tangent, tangents[count:])]
+    given = {"program": program, "count": count}
+    return _LINEAR_CALL.bind(*primals, **given), _LINEAR_CALL.bind(*further, **given)
+
+
+def _linear_call_transpose(cotangents, *arguments, program, count):
+    """Transpose a linear call: a program from cotangents of results to those of arguments."""
+    asked = tuple(k for k, x in enumerate(cotangents) if not internals.is_zero_tangent(x))
+    if not asked:
+        return [None] * len(arguments)
+    known, sought = arguments[:count], arguments[count:]
+    like = [internals.abstract_argument(x.aval) for x in sought]
+
+    def transposed(*values):
+        def asked_for(*some):
+            found = program.function(*values[:count], *some)
+            return [found[k] for k in asked]
+
+        return jax.linear_transpose(asked_for, *like)(list(values[count:]))
+
+    values = [*known, *(cotangents[k] for k in asked)]
+    own = program.derived(("transpose", asked), lambda: Program(transposed, values))
+    return [None] * count + list(_LINEAR_CALL.bind(*values, program=own, count=count))
+
+
+def _batch(primitive, arguments, axes, *, program, **given):
+    """Rule for `jax.vmap`: the program of the batch."""
+    sizes = {x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None}
+    key = "vmap", tuple(axes), *sizes
+    own = program.derived(key, lambda: MappedProgram(program, axes, arguments))
+    found = primitive.bind(*arguments, program=own, **given)
+    return found, [0] * len(found)
+
+
+def _define(name, jvp, transpose=None):
+    """Return a new primitive of jax that calls a program, with its rules."""
+
+    def batch(arguments, axes, **given):
+        return _batch(made, arguments, axes, **given)
+
+    def run(*leaves, program, **_):
+        return program.run(leaves)
+
+    def avals(*_, program, **__):
+        return program.avals
+
+    def function(*leaves, program, **_):
+        return program.function(*leaves)
+
+    made = internals.define_primitive(
+        name, run, avals, jvp, batch, transpose, function, multiple_results=True
+    )
+    return made
+
+
+_CALL = _define("program", _call_jvp)
+_LINEAR_CALL = _define("linear_program", _linear_call_jvp, _linear_call_transpose)

@@ -1,0 +1,110 @@
+"""From a jaxpr to Python source: equations by their rules, calls inline or as functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..common import jax_internals as internals
+from .block import Block, Names, Value
+from .rules import RULES, NoRuleError
+
+_INLINE = 40  # equations up to which a function or branch is written where it is called
+
+
+def inner_jaxpr(program: Any) -> tuple[Any, Sequence[Any]]:
+    """Return a jaxpr and its constants, of one with constants or without."""
+    return getattr(program, "jaxpr", program), getattr(program, "consts", ())
+
+
+def inner_jaxprs(equation: Any) -> list[Any]:
+    """Return the jaxprs in the parameters of an equation."""
+    values = equation.params.values()
+    each = [x for value in values for x in (value if isinstance(value, tuple | list) else (value,))]
+    return [inner_jaxpr(x)[0] for x in each if internals.is_jaxpr(x)]
+
+
+def write_equations(
+    block: Block, jaxpr: Any, constants: Sequence[Any], inputs: Sequence[Value]
+) -> list[Value]:
+    """Write all equations of a jaxpr into a block; return the values of its results."""
+    values: dict[Any, Value] = dict(zip(jaxpr.invars, inputs, strict=True))
+    for x, own in zip(jaxpr.constvars, constants, strict=True):
+        values[x] = block.names.constant(np.asarray(own))
+
+    def read(x):
+        if internals.is_jaxpr_literal(x):
+            return block.names.constant(np.asarray(x.val, x.aval.dtype))
+        return values[x]
+
+    for equation in jaxpr.eqns:
+        name = equation.primitive.name
+        write = RULES.get(name)
+        if write is None:
+            if equation.primitive not in internals.functions_of_primitives:
+                raise NoRuleError(name)
+            write = RULES["traced"]
+        found = write(block, equation, [read(x) for x in equation.invars])
+        values.update(zip(equation.outvars, found, strict=True))
+    return [read(x) for x in jaxpr.outvars]
+
+
+def write_callable(
+    block: Block, program: Any, inputs: Sequence[Value], avals: Sequence[Any], once: bool = False
+) -> list[Value]:
+    """Write a call of a jaxpr: its equations if they are few, else a function.
+
+    The function is written when it is first called. With `once`, the equations are also written
+    here if there is no other call of the jaxpr in the program.
+    """
+    jaxpr, constants = inner_jaxpr(program)
+    if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
+        return write_equations(block, jaxpr, constants, inputs)
+    name = block.names.function(program)
+    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
+    pure = not jaxpr.effects
+    text = f"{name}(w,{places})" if inputs else f"{name}(w)"
+    return block.write_call(text, [block.full(x) for x in inputs], avals, pure)
+
+
+def count_calls(program: Any) -> dict[int, int]:
+    """Return the number of calls of each jaxpr in a program, by the address of the jaxpr."""
+    counts: dict[int, int] = {}
+
+    def visit(jaxpr):
+        for own in (inner for equation in jaxpr.eqns for inner in inner_jaxprs(equation)):
+            counts[id(own)] = counts.get(id(own), 0) + 1
+            if counts[id(own)] == 1:
+                visit(own)
+
+    visit(inner_jaxpr(program)[0])
+    return counts
+
+
+class LimitReached(Exception):
+    """The work allowed for a call is done, and its result is not."""
+
+
+def make_function(names: Names, program: Any) -> Callable[..., Any]:
+    """Return the Python function that computes a jaxpr by NumPy.
+
+    Its first argument is a list of two numbers, the work done so far and the most that is allowed;
+    the others are arrays in the shapes of the jaxpr, numbers for those without axes. It returns a
+    tuple of arrays.
+    """
+    jaxpr, constants = inner_jaxpr(program)
+    block = Block(names)
+    inputs = [
+        Value(names.new("a"), tuple(x.aval.shape), np.dtype(x.aval.dtype), tuple(x.aval.shape), 1)
+        for x in jaxpr.invars
+    ]
+    with np.errstate(all="ignore"):
+        found = [block.full(x) for x in write_equations(block, jaxpr, constants, inputs)]
+    name, arguments = names.new("f"), ",".join(["w", *(x.name for x in inputs)])
+    lines = [f"def {name}({arguments}):", f" w[0]+={round(block.work, 1)}"]
+    lines += [" " + line for line in block.render(found)]
+    lines.append(f" return ({''.join(x.name + ',' for x in found)})")
+    exec(compile("\n".join(lines), f"<jaxcable program {name}>", "exec"), names.space)
+    return names.space[name]
