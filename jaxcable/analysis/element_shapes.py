@@ -14,7 +14,7 @@ from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import END_PULL, Sagging
 from ..elements.element import Scalar
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..model.topology import require_same_topology

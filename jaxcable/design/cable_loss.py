@@ -18,7 +18,7 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Selection, WholeGroups
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import NodalLoads
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import named_groups_of

@@ -18,7 +18,7 @@ from ..common import status
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial, is_one_sided
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..model.structure import Structure
 from ..numerics import implicit

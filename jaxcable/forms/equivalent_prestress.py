@@ -9,7 +9,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging, Uniaxial
 from ..elements.prestress import call_each_element
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure

@@ -25,7 +25,7 @@ from ..common.selection import Only
 from ..common.tree import Indices, cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.newton import Newton
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility

@@ -34,7 +34,7 @@ from ..common.tree import (
 )
 from ..common.types import Array, Float
 from ..equilibrium.newton import Newton, residual_tolerance
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import (
     AreaLoads,
     CablePressure,

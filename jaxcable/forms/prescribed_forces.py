@@ -28,7 +28,7 @@ from ..common.tree import cast_floats, copy_with, merge_indices, split_indices
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..model import plausibility
 from ..model.structure import Structure

@@ -30,7 +30,7 @@ from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_i
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jack_value_or, measure_chord
 from ..elements.statement import StatedValues
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.elementwise import map_elements
 from ..model import plausibility

@@ -23,7 +23,7 @@ from ..common.rules import refuse_if_broken
 from ..common.tree import copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads import Varying, as_list
 from ..mechanics.load_ramp import LoadRamp
 from ..model.structure import Structure

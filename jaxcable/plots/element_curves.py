@@ -16,7 +16,7 @@ from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import single_element
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..forms import catenary_curves
 from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure

@@ -22,7 +22,7 @@ from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Sagging
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads.groups import group_numbers
 from ..model.structure import Structure
 from ..numerics import scaled

@@ -13,7 +13,7 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..loads.groups import Key, group_numbers
 from ..model.structure import Structure
 from ..numerics.roots import bracketed_root

@@ -18,7 +18,7 @@ from ..common import status
 from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Float
 from ..elements.element_state import ElementState, TotalLoads
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState, with_loads_until

@@ -12,7 +12,7 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import POINT_LOADS, Bending
 from ..elements.prestress import single_element
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure

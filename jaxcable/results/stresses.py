@@ -8,7 +8,7 @@ from ..analysis.phase_results import PhaseResult
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import single_element
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..sections import LinearSection

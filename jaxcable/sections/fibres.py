@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..materials import Elastic
 from ..materials.law import Law, Numbers, Values
 

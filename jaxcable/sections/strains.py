@@ -16,7 +16,7 @@ from .. import linear
 from ..common import status
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..materials.law import Numbers, Values
 from ..numerics import implicit
 from ..numerics.line_search import line_search

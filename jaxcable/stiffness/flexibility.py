@@ -10,7 +10,7 @@ from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from .tangent import require_dense_memory, split_solution_state, tangent_and_displacements
 

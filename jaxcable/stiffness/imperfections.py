@@ -14,7 +14,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (

@@ -15,7 +15,7 @@ from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
 from ..model.supports import FixedDofs

@@ -17,7 +17,7 @@ from ..common.rules import nan_if_broken, not_negative, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
-from ..evaluation.program import as_program
+from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..mechanics.elementwise import evaluate_elements
