@@ -114,7 +114,7 @@ def _flat_indices(indices, whole, sizes, moving, batching, windows):
     flat = np.zeros((*batch, *(sizes[k] for k in windows)), np.intp)
     inside = np.ones((*batch, *ones), bool)
     for k, axis in enumerate(moving):
-        begin = indices[..., k].astype(np.intp).reshape(*batch, *ones)
+        begin = indices[..., k].astype(np.intp).reshape((*batch, *ones))
         last = whole[axis] - sizes[axis]
         inside &= (begin >= 0) & (begin <= last)
         flat += np.clip(begin, 0, max(last, 0)) * strides[axis]
