@@ -86,8 +86,9 @@ def check_params(
 
     def as_array(path, x):
         x = checks.as_floats(x, name + jax.tree_util.keystr(path))
-        # a weak type would compile a second time
-        return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
+        # a weak type would be another program
+        dtype = jax.dtypes.canonicalize_dtype(x.dtype)
+        return jnp.asarray(x if isinstance(x, jax.core.Tracer) else np.asarray(x, dtype), dtype)
 
     return jax.tree_util.tree_map_with_path(as_array, params)
 

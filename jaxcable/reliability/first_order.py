@@ -101,10 +101,11 @@ def first_order(
     require_limit_state(limit_state)
     quantities = as_quantities(quantities)
     checks.require_whole_number(steps, "steps")
-    dtype = jnp.zeros(0).dtype
-    tol = jnp.asarray(check_tolerance(tol, _TOLERANCE[str(dtype)]), dtype)
+    dtype = jax.dtypes.canonicalize_dtype(float)
+    tol = check_tolerance(tol, _TOLERANCE[str(dtype)])
+    tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
     begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
-    task = quantities, tuple(args), jnp.asarray(begin)
+    task = quantities, tuple(args), begin
     if is_plain_call((*task, tol)):
         return _search_on_host(_evaluations(limit_state), *task, steps, tol)
     return _programs(limit_state, steps)(*task, tol)

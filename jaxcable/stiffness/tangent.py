@@ -163,7 +163,7 @@ def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
     """
     n = len(dof_map.free)
     memory_limit.require_memory(
-        count * n**2 * jnp.zeros(0).dtype.itemsize,
+        count * n**2 * jax.dtypes.canonicalize_dtype(float).itemsize,
         f"{what}: {count} dense matrices of {n} unknowns",
         "leave out degrees of freedom by `fixed`, or take a coarser structure",
     )
