@@ -1,8 +1,7 @@
 """Analyses outside of `jit`, where numbers are known: which programs run, and for which sizes.
 
 Arrays are padded to common sizes (`common_sizes`). Where few analyses need fallbacks, a smaller
-program without them runs first. In a function that is split (`common.split_programs`), an analysis
-runs by the same programs.
+program without them runs first.
 """
 
 from __future__ import annotations
@@ -15,11 +14,10 @@ import numpy as np
 from ..common import status
 from ..common.compilation import is_top_level_call, on_forget_programs, program_settings
 from ..common.program_store import argument_signature
-from ..common.split_programs import ProgramCall, call_apart
-from ..common.tree import copy_with, set_fields
+from ..common.tree import set_fields
 from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
 from .common_sizes import pad_analysis
-from .cut_results import cut_on_host, cut_results
+from .cut_results import cut_results
 from .phase_loop import analyse
 
 _fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and shapes
@@ -138,55 +136,3 @@ def without_numbers(task):
     """Return a `PreparedAnalysis` without arrays: hashable, with what programs depend on."""
     nothing = dict.fromkeys(("without_indices", "arrays", "method", "code", "loads"))
     return task._replace(**nothing, fixed=())
-
-
-def analyse_apart(task, arguments, listen=None):
-    """Run a `PreparedAnalysis` in a function that is split, by the programs that plain `solve` has.
-
-    Args:
-        task, arguments, listen: as for `analyse_by_known_programs`; some numbers are traced.
-
-    Returns:
-        `Solution` and `ConvergedPoints`, traced, without derivatives.
-    """
-    task = without_numbers(task)  # keep nothing that is traced
-
-    def run(*arguments, axes):  # of a batch: there is none
-        consistent = arguments[0][-1].is_consistent
-        if consistent is None or np.all(consistent):  # plain `solve` has found this out before
-            arguments = without_consistency(arguments)
-        return analyse_by_known_programs(task, arguments, listen=listen)
-
-    def shapes(*arguments):
-        return _result_shapes(task, without_consistency(arguments), listen)
-
-    return call_apart(ProgramCall(run, shapes), *arguments)
-
-
-def _result_shapes(task, arguments, listen):
-    """Return the shapes of what `analyse_by_known_programs` returns; compile its program.
-
-    Numbers of the arguments that are not known yet are `jax.ShapeDtypeStruct`.
-    """
-
-    def zeros(x):
-        return np.zeros(x.shape, x.dtype) if isinstance(x, jax.ShapeDtypeStruct) else x
-
-    arguments = jax.tree.map(zeros, arguments)
-    padded = pad_analysis(task, arguments, listen is not None)
-    if padded is None:
-        larger = arguments
-        if task.may_go_without_fallbacks and listen is None:
-            larger = _without_fallbacks(*larger)
-        given = {"differentiate_path": False, "listen": listen, "bundles": task.bundles}
-        return analyse.result_shapes(*larger, **given, size=task.n_unknown)
-    solution, points = padded_result_shapes(task, padded, listen)
-    solution = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), solution)
-    cut = cut_on_host(solution, arguments, task.bundles)
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), cut), points
-
-
-def without_consistency(arguments):
-    """Return the arguments of `analyse` as they are where activation is known to be consistent."""
-    (*parts, schedule), *others = arguments
-    return (*parts, copy_with(schedule, is_consistent=None)), *others

@@ -24,16 +24,10 @@ from jax import lax
 
 from ..common import jax_internals as internals
 from ..common.compilation import is_top_level_call
-from ..common.split_programs import ProgramCall, call_apart, is_split_here, is_splitting
 from ..common.types import Array, PyTree
 from .derivative_programs import Recalled, run_adjoint, run_change, trace_adjoint, trace_change
 from .one_phase import ConvergedPoints
 from .solution import Solution
-
-
-def can_stay_apart() -> bool:
-    """Tell whether an analysis at this place of a function that is split stays apart."""
-    return None not in (_SOLUTION, _CHANGE, _ADJOINT) and is_split_here()
 
 
 def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
@@ -130,41 +124,7 @@ def _evaluate_change(*arrays, settings, moving, wanted, shapes):
     given = core, points, list(arrays[count:])
     if is_top_level_call(arrays):
         return run_change(settings.recalled, *given, moving, wanted)
-    if not is_splitting():
-        return trace_change(settings.recalled, *given, moving, wanted)
-
-    def call(places):  # few results compile faster
-        some = tuple(wanted[k] for k in places)
-        return ProgramCall(
-            _apart(run_change, trace_change, settings.recalled, moving, some),
-            lambda *_: [jax.ShapeDtypeStruct(*shapes[k]) for k in places],
-            call,
-        )
-
-    return call_apart(call(tuple(range(len(wanted)))), *given)
-
-
-def _apart(run, trace, recalled, moving, wanted):
-    """Return the function of a `ProgramCall` that runs `run_change` or `run_adjoint`.
-
-    Where more than the last of its arguments are those of a batch, it is a program of exact sizes.
-    """
-
-    def call(core, points, values, axes=None):
-        if axes is None:
-            return run(recalled, core, points, values, moving, wanted)
-        leaves, tree = jax.tree.flatten((core, points, values))
-        count = len(leaves) - len(values)
-        if any(axis is not None for axis in axes[:count]):
-
-            def own(*leaves):
-                return trace(recalled, *tree.unflatten(leaves), moving, wanted)
-
-            return jax.vmap(own, axes)(*leaves)
-        values, number = _along_first_axis(values, axes[count:])
-        return run(recalled, core, points, values, moving, wanted, number)
-
-    return call
+    return trace_change(settings.recalled, *given, moving, wanted)
 
 
 def _along_first_axis(arrays, axes):
@@ -215,11 +175,7 @@ def _evaluate_adjoint(*arrays, settings, moving, wanted, shapes):
     given = core, points, list(arrays[count:])
     if is_top_level_call(arrays):
         return run_adjoint(settings.recalled, *given, moving, wanted)
-    if not is_splitting():
-        return trace_adjoint(settings.recalled, *given, moving, wanted)
-    run = _apart(run_adjoint, trace_adjoint, settings.recalled, moving, wanted)
-    shapes = [jax.ShapeDtypeStruct(arrays[k].shape, arrays[k].dtype) for k in moving]
-    return call_apart(ProgramCall(run, lambda *_: shapes), *given)
+    return trace_adjoint(settings.recalled, *given, moving, wanted)
 
 
 def _shapes_of_adjoint(*arrays, moving, **__):

@@ -17,18 +17,14 @@ from ..model.structure import Structure
 from .as_built import with_lengths_as_built
 from .derivative_programs import Recalled
 from .outside_jit import (
-    analyse_apart,
     analyse_by_known_programs,
-    without_consistency,
     without_numbers,
 )
 from .phases import Phase
 from .preparation import prepare
 from .recalled_derivative import (
     attach_recalled_derivative,
-    can_stay_apart,
     known_numbers,
-    without_derivatives,
 )
 from .solution import Solution, State
 from .states import arrange_solution
@@ -117,14 +113,10 @@ def solve(
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
     with show_compilation(progress):
-        if iterates and can_stay_apart() and not exact_sizes:
-            solution, points = analyse_apart(task, without_derivatives(core), listen)
-            known = core = without_consistency(core)
-        else:
-            known = known_numbers(core) if iterates else None
-            solution, points = analyse_by_known_programs(
-                task, known or core, differentiate_path, listen, exact_sizes
-            )
+        known = known_numbers(core) if iterates else None
+        solution, points = analyse_by_known_programs(
+            task, known or core, differentiate_path, listen, exact_sizes
+        )
     if known is not None:
         recalled = Recalled(without_numbers(task), listen, exact_sizes)
         solution = attach_recalled_derivative(solution, core, points, recalled)
