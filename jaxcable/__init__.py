@@ -62,6 +62,7 @@ from .elements import (
 )
 from .equilibrium.incremental import Incremental
 from .equilibrium.newton import Newton
+from .evaluation.decision import evaluation
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
 from .loads import (
@@ -137,6 +138,7 @@ __all__ = [
     "describe",
     "design",
     "energy_balance",
+    "evaluation",
     "extend",
     "fibre_stress",
     "files",

@@ -20,7 +20,9 @@ from jax.sharding import Mesh, PartitionSpec
 from ..common import checks
 from ..common.function_programs import ProgramCache
 from ..common.fusion import are_loops_fused, usable_cores
+from ..common.jax_internals import is_untransformed
 from ..common.types import Array, PyTree
+from ..evaluation.program_calls import as_program
 
 _CASES_AXIS = "cases"
 _THREAD_CHUNK = 256  # cases of a thread at once: their data stay in cache
@@ -37,10 +39,11 @@ def batched(
 ) -> Callable[..., PyTree[Array]]:
     """Map a function of one case over the leading axis of its arguments.
 
-    The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices, and has
-    the same transformations. Devices do not wait for each other: each iterates until its own cases
-    have converged. Programs are known by the function object: a second call of `batched` with the
-    same function compiles nothing, another number of cases does.
+    The result is that of ``jax.vmap(function)``, as a program, whatever the chunks and devices, and
+    has the same transformations. Devices do not wait for each other: each iterates until its own
+    cases have converged. Programs are known by the function object and the number of cases at once:
+    a second call of `batched` with the same function traces nothing. Outside of jit a chunk is a
+    call of the program; within it chunks are a loop.
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
@@ -90,19 +93,20 @@ def _call(program, cases, function):
     return program(*cases)
 
 
-def _compile_batched(reference, chunk, devices):
+def _make_batched(reference, chunk, devices):
     """Return the function of cases that `batched` describes, for the function ``reference()``."""
 
     def one_by_one(*cases):
         return jax.vmap(reference())(*cases)
 
+    program = as_program(one_by_one)
+
     def share(*cases):
-        """The cases of one device."""
+        """The cases of one device, within a program."""
         count = _count_cases(cases)
-        chunks = 1 if _cases_at_once(chunk) is None else -(-count // _cases_at_once(chunk))
+        chunks, size = _equal_chunks(count, _cases_at_once(chunk))
         if chunks == 1:
             return one_by_one(*cases)
-        size = -(-count // chunks)  # equal chunks have less padding
         parts = jax.tree.map(
             lambda a: a.reshape(chunks, size, *a.shape[1:]), _pad_cases(cases, chunks * size)
         )
@@ -125,26 +129,22 @@ def _compile_batched(reference, chunk, devices):
         results = spread(*_pad_cases(cases, per_device * len(devices)))
         return jax.tree.map(lambda a: a[:count], results)
 
-    concrete = []  # results have been so once: the function knows no traced numbers
-
     def checked(*cases):
         count = _count_cases(cases)
-        if devices is not None or not are_loops_fused() or not _is_concrete(cases):
+        if devices is not None or not _are_numbers(cases) or not is_untransformed():
             return run(*cases)
-        workers = usable_cores()
-        rounds = -(-count // (workers * (chunk or _THREAD_CHUNK)))
-        size = -(-count // (workers * rounds))
-        if not concrete:  # the first chunk compiles, too
-            first = run(*jax.tree.map(lambda a: np.asarray(a)[:size], cases))
-            if not _is_concrete(first):
-                return run(*cases)
-            concrete.append(True)
-        return run(*cases) if size == count else _map_in_threads(run, cases, size, workers)
+        workers = 1
+        _, size = _equal_chunks(count, _cases_at_once(chunk))
+        if are_loops_fused():
+            workers = usable_cores()
+            rounds = -(-count // (workers * (chunk or _THREAD_CHUNK)))
+            size = -(-count // (workers * rounds))
+        return program(*cases) if size == count else _map_chunks(program, cases, size, workers)
 
     return checked
 
 
-_programs = ProgramCache(_compile_batched)
+_programs = ProgramCache(_make_batched)
 
 
 def _cases_at_once(chunk):
@@ -154,24 +154,38 @@ def _cases_at_once(chunk):
     return _CHUNK
 
 
-def _map_in_threads(run, cases, size, workers):
-    """Call `run` for chunks of `size` cases in several threads; return the joined results."""
+def _equal_chunks(count, most):
+    """Return number and size of equal chunks of at most `most` cases: they have least padding."""
+    chunks = 1 if most is None else -(-count // most)
+    return chunks, -(-count // chunks)
+
+
+def _map_chunks(program, cases, size, workers):
+    """Call a program for chunks of `size` cases, in threads if several; return joined results."""
     cases = jax.tree.map(np.asarray, cases)
     count = _count_cases(cases)
 
     def compute(begin):
         part = jax.tree.map(lambda a: a[begin : begin + size], cases)
-        return jax.block_until_ready(run(*_pad_cases(part, size)))
+        return jax.tree.map(np.asarray, program(*_pad_cases(part, size)))
 
-    with ThreadPoolExecutor(workers) as pool:
-        parts = list(pool.map(compute, range(0, count, size)))
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *parts)
-    return jax.tree.map(jnp.asarray, whole)
+    begins = range(0, count, size)
+    first = compute(0)  # it makes the program
+    if workers == 1:
+        parts = [first, *map(compute, begins[1:])]
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            parts = [first, *pool.map(compute, begins[1:])]
+    return jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)[:count]), *parts)
 
 
-def _is_concrete(tree):
-    """Return whether no leaf of a pytree is traced."""
-    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+def _are_numbers(cases):
+    """Return whether all leaves are arrays that NumPy has, too: not traced, no random keys."""
+    return not any(
+        isinstance(leaf, jax.core.Tracer)
+        or jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.extended)
+        for leaf in jax.tree.leaves(cases)
+    )
 
 
 def _count_cases(cases):
@@ -193,6 +207,7 @@ def _pad_cases(cases, count):
         missing = count - a.shape[0]
         if missing == 0:
             return a
-        return jnp.concatenate([a, jnp.broadcast_to(a[-1:], (missing, *a.shape[1:]))])
+        join = np if isinstance(a, np.ndarray) else jnp
+        return join.concatenate([a, join.broadcast_to(a[-1:], (missing, *a.shape[1:]))])
 
     return jax.tree.map(fill, cases)

@@ -14,6 +14,7 @@ from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import END_PULL, Sagging
 from ..elements.element import Scalar
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -244,13 +245,18 @@ def _catenary_shapes(group, positions, pull, length):
     return ElementShapes(first, last, own, load, length, stiffness, hangs)
 
 
-@functools.partial(jax.jit, static_argnames=("function",))
 def map_shapes(function: Callable[..., Any], shapes: ElementShapes, *others: PyTree[Array]) -> Any:
-    """Call ``function(shape, *others)`` for every element, compiled; results have leading axes.
+    """Call ``function(shape, *others)`` for every element, a program; results have leading axes.
 
-    `function` is one of a module, because programs are kept by it; `others` are the same for all
+    `function` is one of a module, because programs are known by it; `others` are the same for all
     elements.
     """
+    return _map_shapes(shapes, *others, function=function)
+
+
+@functools.partial(as_program, static=("function",))
+def _map_shapes(shapes, *others, function):
+    """Return ``function(shape, *others)`` for every element."""
     for _ in range(shapes.rest_length.ndim):
         function = jax.vmap(function, in_axes=(0, *(None,) * len(others)))
     return function(shapes, *others)

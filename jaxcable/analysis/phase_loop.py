@@ -10,11 +10,11 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..evaluation.program_calls import as_program
 from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until

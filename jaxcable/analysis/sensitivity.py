@@ -69,7 +69,7 @@ def measured_results_and_jacobian(
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
     core = tree.unflatten(leaves)
-    given = {"bundles": task.bundles, "size": task.n_unknown}
+    given = {"bundles": task.bundles}
     # the program of `solve`
     solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
     together = min(x.size, _MAX_DIRECTIONS)

@@ -229,19 +229,6 @@ def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
     return len(groups[0]), len(groups[1])
 
 
-def function_of_equations(
-    program: Any, equations: Sequence[Any], arguments: Sequence[Any], results: Sequence[Any]
-) -> Callable[..., Any]:
-    """Return the Python function that computes some equations of a jaxpr, `program`.
-
-    `arguments` and `results` are variables: the function returns a list of the values of `results`.
-    """
-    make, function, jaxpr = _jaxpr_tools[1:]
-    about = program.debug_info.with_unknown_names()
-    own = jaxpr([], [*arguments], [*results], [*equations], debug_info=about)
-    return function(make(own, []))
-
-
 # --- where the program is
 
 _traces = _import_members("jax._src.core", "trace_ctx")

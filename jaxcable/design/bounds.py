@@ -86,8 +86,9 @@ def check_params(
 
     def as_array(path, x):
         x = checks.as_floats(x, name + jax.tree_util.keystr(path))
-        # a weak type would compile a second time
-        return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
+        # a weak type would be another program
+        dtype = jax.dtypes.canonicalize_dtype(x.dtype)
+        return jnp.asarray(x if isinstance(x, jax.core.Tracer) else np.asarray(x, dtype), dtype)
 
     return jax.tree_util.tree_map_with_path(as_array, params)
 
@@ -149,7 +150,9 @@ def broadcast_to_params(
             text = "must be positive and finite"
             sound = _rules.Rule(where, v, lambda v: ~((v > 0) & (v < np.inf)), text)
             v = _rules.nan_if_broken(sound)
-        return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
+        if isinstance(v, jax.core.Tracer):
+            return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
+        return np.broadcast_to(np.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
@@ -198,7 +201,18 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
     counts = tuple(leaf.size for leaf in jax.tree.leaves(params))
-    return BoxBounds(ravel_pytree(lower)[0], ravel_pytree(upper)[0], counts)
+    return BoxBounds(flat_vector(lower), flat_vector(upper), counts)
+
+
+def flat_vector(tree: PyTree[Float[ArrayLike, " ..."]]) -> Float[ArrayLike, " n"]:
+    """Return all numbers of a pytree as one array [n], in the order of `ravel_pytree`.
+
+    That of known numbers is joined by NumPy: nothing is compiled.
+    """
+    leaves = jax.tree.leaves(tree)
+    if any(isinstance(x, jax.core.Tracer) for x in leaves):
+        return ravel_pytree(tree)[0]
+    return np.concatenate([np.ravel(x) for x in leaves])
 
 
 def search_or_input_status(

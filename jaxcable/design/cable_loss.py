@@ -18,6 +18,7 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Selection, WholeGroups
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..evaluation.program_calls import as_program
 from ..loads import NodalLoads
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import named_groups_of
@@ -229,7 +230,7 @@ def _end_nodes(pairs):
     return np.unique(np.concatenate(links)) if links else np.zeros(0, int)
 
 
-@jax.jit
+@as_program
 def _reversed_forces(
     without_indices: Any, index_arrays: Any, dof_map: Any, lost: list[Bool[Array, " n_elem"]]
 ) -> Float[Array, "n_row n_freedom"]:

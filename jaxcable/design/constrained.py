@@ -16,10 +16,15 @@ from ..common import checks, status
 from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
-from ..common.split_programs import SplitProgram, splittable
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
+from ..evaluation.program_calls import as_program
+from .bounds import (
+    broadcast_to_params,
+    check_call_arguments,
+    check_search_arguments,
+    flat_vector,
+)
 from .nlp_solvers import nlp_solver_by_name
 from .optimality import solve_kkt_conditions
 from .returned_values import loss_and_status
@@ -119,7 +124,6 @@ def minimize_subject_to(
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
         constraints the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
-        Analyses run by the programs of `solve` and of its derivative, as in `minimize`.
 
     Raises:
         ValueError: as `minimize`; an unknown solver, or one that is not installed.
@@ -150,17 +154,15 @@ def minimize_subject_to(
     args = check_call_arguments(problem, args, rounds, "problem", "rounds")
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    solve, listen, program = nlp_solver_by_name(solver), as_listener(progress), _programs(problem)
-    start, back = ravel_pytree(params)
-    least = box.typical_sizes(start)
-    step = least
+    solve, listen = nlp_solver_by_name(solver), as_listener(progress)
+    program = _evaluations(problem)
+    start, back = flat_vector(params), ravel_pytree(params)[1]
+    step = least = _typical_sizes(box, start)
     if scale is not None:
-        step = ravel_pytree(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))[
-            0
-        ]
+        step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
 
     def sizes(x):
-        return np.asarray(jnp.maximum(least, box.largest_per_array(x)), float)
+        return np.asarray(_larger_sizes(box, least, x), float)
 
     def evaluate(x):
         return program(jnp.asarray(x, start.dtype), params, args)
@@ -277,11 +279,23 @@ class _ConstrainedSearch(ScaledProblem):
         return point.violation <= 0 and residual <= self.tol
 
 
-def _split_problem(reference):
-    """Return the `SplitProgram` of loss and constraints with their Jacobian; analyses stay apart.
+@as_program
+def _typical_sizes(box, start):
+    """Return the typical sizes of parameters that start at `start`, [n]."""
+    return box.typical_sizes(start)
 
-    `reference()` returns the user's function. The program takes flat parameters [n], their pytree
-    and further arguments, and returns the `Evaluation` of [loss, constraints ...].
+
+@as_program
+def _larger_sizes(box, least, x):
+    """Return the sizes of parameters at `x`, at least `least`, [n]."""
+    return jnp.maximum(least, box.largest_per_array(x))
+
+
+def _make_evaluation(reference):
+    """Return the program of loss and constraints with their Jacobian, of the user's function.
+
+    `reference()` returns the function. The program takes flat parameters [n], their pytree and
+    further arguments, and returns the `Evaluation` of [loss, constraints ...].
     """
 
     def flattened(x, params, args):
@@ -298,11 +312,13 @@ def _split_problem(reference):
         return jnp.append(value, constraints).astype(x.dtype), code
 
     def evaluate(x, params, args):
-        own = splittable(lambda x: flattened(x, params, args))
+        def own(x):
+            return flattened(x, params, args)
+
         count = jax.eval_shape(own, x)[0].size
         return values_and_jacobian(own, x, count).mark_nonfinite()
 
-    return SplitProgram(evaluate, calling=splittable(flattened))
+    return as_program(evaluate)
 
 
-_programs = ProgramCache(_split_problem)
+_evaluations = ProgramCache(_make_evaluation)

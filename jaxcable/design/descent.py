@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,6 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..common import status
-from ..common.progress import Step, report_progress
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .bounds import BoxBounds
@@ -130,6 +129,21 @@ class DescentState(NamedTuple):
     running: Bool[Array, ""]
 
 
+def is_logged(before: DescentState, after: DescentState) -> Bool[Array, ""]:
+    """Return whether the step from one state to the next has an entry in the history of its own.
+
+    It has if the trial point was accepted, and if it is the start.
+    """
+    return (before.n_accepted < 0) | (after.n_accepted > before.n_accepted)
+
+
+def progress_numbers(s: DescentState) -> dict[str, Array]:
+    """Return the fields of a `progress.Step` by name, for the point that was accepted last."""
+    number = s.n_accepted.clip(0)
+    names = "loss", "gradient_norm", "failures"
+    return {"number": number} | {name: getattr(s.history, name)[number] for name in names}
+
+
 @dataclasses.dataclass(frozen=True)
 class Descent:
     """The search of `minimize` for a minimum of one loss, as a function from state to state.
@@ -143,7 +157,6 @@ class Descent:
         box: `BoxBounds` of the flat parameters.
         criteria: `MinimumCriteria`, which decide on convergence.
         scale: the optimizer gets the parameters divided by this, [n].
-        listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
     loss: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Int[Array, ""]]] | None
@@ -153,7 +166,6 @@ class Descent:
     box: BoxBounds
     criteria: MinimumCriteria
     scale: Float[Array, " n"]
-    listen: Callable[[Step], Any] | None = None
 
     @property
     def has_line_search(self) -> bool:
@@ -241,11 +253,6 @@ class Descent:
         entry = jnp.where(logged, jnp.maximum(s.n_accepted, 0), beyond)
         entries = History(value, measure, s.last_failure, s.failures, s.n_refused)
         log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.history, entries)
-        listen, known = self.listen, {"count": self.steps}
-        if listen is not None:
-            news = {"number": jnp.maximum(s.n_accepted, 0), "failures": s.failures}
-            news |= {"loss": value, "gradient_norm": measure}
-            lax.cond(logged, lambda: report_progress(listen, Step, known, news), lambda: None)
 
         tries = jnp.where(accepted, 0, s.n_refused + 1)
         # restart the optimizer when its step leads nowhere, or when other entries are blocked than

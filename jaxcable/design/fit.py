@@ -8,23 +8,26 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
-from ..common.progress import Trial, as_listener, report_progress
-from ..common.split_programs import SplitProgram, can_be_split, splittable
+from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
+from ..evaluation.program_calls import as_program
+from .bounds import (
+    check_call_arguments,
+    check_search_arguments,
+    flat_vector,
+    search_or_input_status,
+)
 from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
 from .no_derivative import refuse_derivative
 from .returned_values import residuals_and_status
+from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
 from .trials import Evaluation, values_and_jacobian
 
 
@@ -107,8 +110,7 @@ def fit(
             and False: as for `solve`.
 
     Returns:
-        `Fit`. Works under jit and vmap; differentiating it is an error. Called from Python, it
-        runs analyses by the programs of `solve` and of its derivative, as `minimize` does.
+        `Fit`. Works under jit and vmap; differentiating it is an error.
 
     Raises:
         ValueError: residuals that are no floats, lower bounds above upper ones, or a start
@@ -152,16 +154,7 @@ def fit(
     params, box, tol = check_search_arguments(params, bounds, tol)
     listen = as_listener(progress)
     with show_compilation(progress):  # most of the time before the first report
-        if can_be_split((params, args, box, tol)):
-            start, _ = ravel_pytree(params)
-            evaluate = _evaluations(residuals)
-            if evaluate.has_calls(start, params, args):
-
-                def evaluate_at(x):
-                    return evaluate(x, params, args)
-
-                return fit_on_host(evaluate_at, params, bounds, steps, tol, listen)
-        return call_announced(_programs(residuals, int(steps), listen), params, args, box, tol)
+        return _searches(residuals, int(steps), listen)(params, args, box, tol)
 
 
 def _flat_residuals(reference, x, params, args):
@@ -178,50 +171,44 @@ def _flat_residuals(reference, x, params, args):
     return vector.astype(x.dtype), code
 
 
-def _split_evaluation(reference):
-    """Return the `SplitProgram` of residuals and Jacobian; its analyses stay apart.
+def _make_evaluation(reference):
+    """Return the program of the residuals that `reference()` returns, with Jacobian and status.
 
-    `reference()` returns the user's function. The program takes flat parameters [n], their pytree
-    and further arguments, and returns an `Evaluation`.
+    It takes flat parameters [n], their pytree and further arguments, and returns an `Evaluation`.
     """
-    flat = functools.partial(_flat_residuals, reference)
 
     def evaluate(x, params, args):
-        @splittable
         def residuals(x):
-            return flat(x, params, args)
-
-        count = jax.eval_shape(residuals, x)[0].size
-        return values_and_jacobian(residuals, x, count)
-
-    return SplitProgram(evaluate, calling=splittable(flat))
-
-
-def _compile_fit(reference, steps, listen):
-    """Compile the search of `fit` for the function of residuals that `reference()` returns.
-
-    The program takes start, further arguments, `BoxBounds` and tolerance, and returns a `Fit`.
-    """
-
-    @jax.jit
-    def run(params, args, box, tol):
-        params, args = refuse_derivative((params, args))
-        start, _ = ravel_pytree(params)
-
-        def flattened(x):
             return _flat_residuals(reference, x, params, args)
 
-        search = LevenbergMarquardt(box, tol, steps)
-        count = jax.eval_shape(flattened, start)[0].size
+        return values_and_jacobian(residuals, x, jax.eval_shape(residuals, x)[0].size)
 
-        def iterate(state):
-            state = search.advance(state, values_and_jacobian(flattened, state.trial, count))
-            if listen is not None:
-                report_progress(listen, Trial, {"count": steps}, progress_numbers(state))
-            return state
+    return as_program(evaluate)
 
-        end = lax.while_loop(lambda s: s.running, iterate, search.initial_state(start, count))
-        return refuse_derivative(make_fit(search, end, params))
+
+def _make_search(reference, steps, listen):
+    """Return the search of `fit` for the function of residuals that `reference()` returns.
+
+    It is a function of start, further arguments, `BoxBounds` and tolerance to a `Fit`.
+    """
+    evaluate = _evaluations(reference())
+
+    @jax.jit
+    def search_within_program(params, args, box, tol):
+        params, args = refuse_derivative((params, args))
+        shapes = jax.eval_shape(evaluate, ravel_pytree(params)[0], params, args)
+
+        def evaluate_trial(state):
+            return evaluate(state.trial, params, args)
+
+        loop = functools.partial(search_in_program, evaluate_trial)
+        found = _search(loop, shapes.values.size, params, box, tol, steps, listen)
+        return refuse_derivative(found)
+
+    def run(params, args, box, tol):
+        if not is_plain_call((params, args, box, tol)):
+            return search_within_program(params, args, box, tol)
+        return _search_on_host(lambda x: evaluate(x, params, args), params, box, tol, steps, listen)
 
     return run
 
@@ -234,7 +221,7 @@ def fit_on_host(
     tol: float | None,
     listen: Callable[[Trial], Any] | None,
 ) -> Fit:
-    """Search as `fit` does, in a Python loop: `evaluate` is called, not traced or compiled.
+    """Search as `fit` does, from Python, by a function that evaluates residuals and Jacobian.
 
     Args:
         evaluate: function of the flat parameters [n] to an `Evaluation` of the residuals.
@@ -243,30 +230,41 @@ def fit_on_host(
     """
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    start, _ = ravel_pytree(params)
-    search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
-    state = _initial_state_compiled(search, start, count=found.values.size, size=start.size)
-    while True:
-        state = _advance_compiled(search, state, found, size=start.size)
-        if listen is not None:
-            numbers = {
-                name: np.asarray(value).item() for name, value in progress_numbers(state).items()
-            }
-            listen(Trial(count=int(steps), **numbers))
-        if not state.running:
-            return _make_fit_compiled(search, state, params, size=start.size)
-        found = evaluate(state.trial)
+    return _search_on_host(evaluate, params, box, tol, int(steps), listen)
 
 
-@functools.partial(jit_program, static=("count",))
-def _initial_state_compiled(search, start, count):
-    """Return the first state of a search with `count` residuals; a compiled program."""
+def _search_on_host(evaluate, params, box, tol, steps, listen):
+    """Search in Python; `evaluate` and `listen` are as for `fit_on_host`."""
+    first = [evaluate(flat_vector(params))]  # it tells the number of residuals
+
+    def evaluate_trial(state):
+        return first.pop() if first else evaluate(state.trial)
+
+    loop = functools.partial(search_on_host, evaluate_trial)
+    return _search(loop, first[0].values.size, params, box, tol, steps, listen)
+
+
+def _search(loop, count, params, box, tol, steps, listen):
+    """Search for the least squares of `count` residuals; return the `Fit`.
+
+    `loop` is one of the loops in `search_loop` with its evaluation.
+    """
+    search = LevenbergMarquardt(box, tol, steps)
+    report = make_report(listen, Trial, steps, lambda before, after: True, progress_numbers)
+    begin = _initial_state(search, flat_vector(params), count=count)
+    end = loop(functools.partial(_advance, search), begin, report)
+    return _make_fit(search, end, params)
+
+
+@functools.partial(as_program, static=("count",))
+def _initial_state(search, start, count):
+    """Return the first state of a search with `count` residuals."""
     return search.initial_state(start, count)
 
 
-@jit_program
-def _advance_compiled(search, state, found):
-    """Return the next state of a search, ``search.advance(state, found)``; a compiled program."""
+@as_program
+def _advance(search, state, found):
+    """Return the next state of a search, ``search.advance(state, found)``."""
     return search.advance(state, found)
 
 
@@ -277,9 +275,8 @@ def progress_numbers(s: LevenbergState) -> dict[str, Array]:
     }
 
 
-def make_fit(
-    search: LevenbergMarquardt, end: LevenbergState, params: PyTree[Float[ArrayLike, " ..."]]
-) -> Fit:
+@as_program
+def _make_fit(search, end, params):
     """Convert the last state `end` of a search, which started at `params`, to a `Fit`."""
     start, back = ravel_pytree(params)
     blocked = search.box.blocked_entries(end.x, end.residual @ end.jacobian)
@@ -301,6 +298,5 @@ def make_fit(
     )
 
 
-_make_fit_compiled = jit_program(make_fit)
-_programs = ProgramCache(_compile_fit)
-_evaluations = ProgramCache(_split_evaluation)
+_evaluations = ProgramCache(_make_evaluation)
+_searches = ProgramCache(_make_search)

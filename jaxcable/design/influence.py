@@ -118,7 +118,7 @@ def influence(
 
     n_of = _count_entries(jax.eval_shape(final, value))
     memory_limit.require_memory(
-        _COPIES * n_of * _count_entries(value) * jnp.zeros(0).dtype.itemsize,
+        _COPIES * n_of * _count_entries(value) * jax.dtypes.canonicalize_dtype(float).itemsize,
         f"influence: a dense matrix of {n_of} results by {_count_entries(value)} values",
         "give a function of fewer results as `of`, or jc.only(...) of fewer values",
     )

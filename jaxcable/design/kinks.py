@@ -18,6 +18,7 @@ from ..common import status
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial, is_one_sided
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..model.structure import Structure
 from ..numerics import implicit
@@ -79,7 +80,7 @@ def slack_distance(
     return structure.arrange(_strains_above_slackening(without_indices, index_arrays))
 
 
-@jax.jit
+@as_program
 def _strains_above_slackening(without_indices, index_arrays):
     """Return cables' strains minus their strains at zero force, [n_elem] or None by group."""
     groups, states, nodes, motion = merge_indices(without_indices, index_arrays)

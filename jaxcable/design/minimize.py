@@ -1,4 +1,4 @@
-"""Minimize a loss over any pytree of parameters with any optax transformation, in one program."""
+"""Minimize a loss over any pytree of parameters with any optax transformation."""
 
 from __future__ import annotations
 
@@ -8,30 +8,28 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
-from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
-from ..common.split_programs import SplitProgram, can_be_split, splittable
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..evaluation.program_calls import as_program
 from .bounds import (
     broadcast_to_params,
     check_call_arguments,
     check_search_arguments,
     search_or_input_status,
 )
-from .descent import Descent, History
+from .descent import Descent, History, is_logged, progress_numbers
 from .minimum_criteria import MinimumCriteria
 from .no_derivative import refuse_derivative
 from .returned_values import loss_and_status
+from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
 from .trials import loss_and_gradient
 
 # Typical change of a parameter over its size, by which the default optimizer scales: the length of
@@ -114,9 +112,9 @@ def minimize(
     Options:
         steps: largest number of accepted steps.
         tol: tolerance of convergence, see below. Default: 1e-6 in float64, 1e-3 in float32.
-        args: tuple of further arguments of the loss, any pytrees. The loss is compiled once per
+        args: tuple of further arguments of the loss, any pytrees. The loss is traced once per
             function object, as by `jax.jit`: variables that the function captures become constants
-            of the compiled program. Pass here what changes from call to call.
+            of the program. Pass here what changes from call to call.
         scale: size of a typical change of every parameter, in the forms that a bound can have; the
             optimizer works on the parameters divided by it. Default: a tenth of the size at the
             start for the default optimizer, 1 for others.
@@ -127,13 +125,8 @@ def minimize(
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
-    Called from Python, the default optimizer runs the analyses (`solve`) in a loss by the program
-    that `solve` has by itself, and their derivatives by that of a gradient outside of jit; only
-    what is around them is compiled for the loss. If the analysis has been called before, the first
-    call waits for the derivative only. With `optimizer`, within jit or vmap, and for analyses in
-    functions that the loss itself compiles, maps or scans, the whole search is one program: it
-    takes 1.7 to three times as long to compile, and less than half as long for a trial of a small
-    structure.
+    Called from Python, every trial point is a program of the loss and its gradient; within jit and
+    vmap the whole search is a part of the program.
 
     Raises:
         ValueError: no optax transformation, a loss that is no scalar, lower bounds above upper
@@ -195,115 +188,107 @@ def minimize(
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = as_listener(progress)
-    problem = params, args, box, scale, tol
     with show_compilation(progress):  # most of the time before the first report
-        # a user's optimizer may evaluate the loss by itself: then it is one program
-        if optimizer is None and can_be_split(problem):
-            evaluate = _evaluations(loss)
-            if evaluate.has_calls(ravel_pytree(params)[0], params, args):
-                return _minimize_on_host(evaluate, *problem, steps=int(steps), listen=listen)
-        return call_announced(_programs(loss, optimizer, int(steps), listen), *problem)
+        return _searches(loss, optimizer, int(steps), listen)(params, args, box, scale, tol)
 
 
-def _flat_loss(reference, x, params, args):
-    """Return the loss and the status code at flat parameters `x`, [n].
+def _make_search(reference, optimizer, steps, listen):
+    """Return the search of `minimize` for the loss that `reference()` returns.
 
-    `reference()` is the user's loss, `params` the pytree of its parameters, `args` are further
-    arguments.
+    It is a function of start, further arguments, `BoxBounds`, scale and tolerance to a `Design`. In
+    an iteration, the loss with its gradient is one program, and the step of the search another one.
     """
-    value, code = loss_and_status(reference()(ravel_pytree(params)[1](x), *args))
-    return value.astype(x.dtype), code
+    report = make_report(listen, Step, steps, is_logged, progress_numbers)
+    evaluate_at, advance_from = _evaluations(reference()), _advance
+    if optimizer is not None:
+        advance_from = _make_advance(reference, optimizer)
 
+    def search(loop, params, args, box, scale, tol):
+        problem = params, args, box, scale, tol
 
-def _split_evaluation(reference):
-    """Return the `SplitProgram` of loss, gradient and status; its analyses stay apart.
+        def evaluate(state):
+            return evaluate_at(state.trial, params, args)
 
-    `reference()` returns the user's loss. The program takes flat parameters [n], their pytree and
-    further arguments, and returns an `Evaluation`.
-    """
-    flat = functools.partial(_flat_loss, reference)
+        def advance(state, found):
+            return advance_from(*problem, state, found, steps=steps)
 
-    def evaluate(x, params, args):
-        return loss_and_gradient(splittable(lambda x: flat(x, params, args)), x)
-
-    return SplitProgram(evaluate, calling=splittable(flat))
-
-
-def _make_descent(params, box, scale, tol, steps, **given):
-    """Return the `Descent` of `minimize` and the flat start, [n].
-
-    `given` are loss, optimizer and listener, if there are any.
-    """
-    start, back = ravel_pytree(params)
-    floor = box.typical_sizes(start)
-    scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
-    criteria = MinimumCriteria(box, floor, tol)
-    given = {"loss": None, "optimizer": None, **given}
-    return Descent(back=back, steps=steps, box=box, criteria=criteria, scale=scale, **given), start
-
-
-def _compile_minimize(reference, optimizer, steps, listen):
-    """Compile the search of `minimize` for the loss that `reference()` returns.
-
-    The program takes start, further arguments, `BoxBounds`, scale and tolerance, and returns a
-    `Design`.
-    """
+        begin = _initial_state(params, box, scale, tol, steps=steps, optimizer=optimizer)
+        return _make_design(params, box, tol, loop(evaluate, advance, begin, report))
 
     @jax.jit
-    def run(params, args, box, scale, tol):
+    def search_within_program(params, args, box, scale, tol):
         params, args = refuse_derivative((params, args))
-        given = {"optimizer": optimizer, "listen": listen}
+        return refuse_derivative(search(search_in_program, params, args, box, scale, tol))
 
-        def loss(x):
-            return _flat_loss(reference, x, params, args)
-
-        descent, start = _make_descent(params, box, scale, tol, steps, loss=loss, **given)
-
-        def iterate(state):
-            return descent.advance(state, loss_and_gradient(loss, state.trial))
-
-        end = lax.while_loop(lambda s: s.running, iterate, descent.initial_state(start))
-        return refuse_derivative(_make_design(params, box, tol, end))
+    def run(*problem):
+        if is_plain_call(problem):
+            return search(search_on_host, *problem)
+        return search_within_program(*problem)
 
     return run
 
 
-def _minimize_on_host(evaluate, params, args, box, scale, tol, steps, listen):
-    """Search as `minimize` does, in a Python loop: `evaluate` is called, not traced or compiled.
+def _make_evaluation(reference):
+    """Return the program of the loss that `reference()` returns, with gradient and status.
 
-    `evaluate` is a `SplitProgram`, see `_split_evaluation`; other arguments are those of the
-    program of `_compile_minimize`.
+    It takes flat parameters [n], their pytree and further arguments, and returns an `Evaluation`.
     """
-    given = params, box, scale, tol
-    state = _initial_state_compiled(*given, steps=steps, size=sum(box.counts))
-    while state.running:
-        n_accepted = int(state.n_accepted)
-        found = evaluate(state.trial, params, args)
-        state = _advance_compiled(*given, state, found, steps=steps, size=sum(box.counts))
-        if listen is not None and (n_accepted < 0 or int(state.n_accepted) > n_accepted):
-            number = max(int(state.n_accepted), 0)
-            log = {
-                name: np.asarray(value)[number].item()
-                for name, value in vars(state.history).items()
-            }
-            names = "loss", "gradient_norm", "failures"
-            listen(Step(number, steps, **{name: log[name] for name in names}))
-    return _make_design_compiled(params, box, tol, state, size=sum(box.counts))
+
+    def evaluate(x, params, args):
+        return loss_and_gradient(_flat_loss(reference, params, args), x)
+
+    return as_program(evaluate)
 
 
-@functools.partial(jit_program, static=("steps",))
-def _initial_state_compiled(params, box, scale, tol, steps):
-    """Return the first state of a search; a compiled program."""
-    descent, start = _make_descent(params, box, scale, tol, steps)
+def _flat_loss(reference, params, args):
+    """Return the function of flat parameters [n] to the loss and the status code.
+
+    `reference()` is the user's loss, `params` the pytree of its parameters, `args` are further
+    arguments.
+    """
+    _, back = ravel_pytree(params)
+
+    def loss(x):
+        value, code = loss_and_status(reference()(back(x), *args))
+        return value.astype(x.dtype), code
+
+    return loss
+
+
+def _make_descent(params, box, scale, tol, steps, loss=None, optimizer=None):
+    """Return the `Descent` of `minimize` and the flat start, [n]."""
+    start, back = ravel_pytree(params)
+    floor = box.typical_sizes(start)
+    scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
+    criteria = MinimumCriteria(box, floor, tol)
+    return Descent(loss, back, optimizer, steps, box, criteria, scale), start
+
+
+@functools.partial(as_program, static=("steps", "optimizer"))
+def _initial_state(params, box, scale, tol, steps, optimizer):
+    """Return the first state of a search."""
+    descent, start = _make_descent(params, box, scale, tol, steps, optimizer=optimizer)
     return descent.initial_state(start)
 
 
-@functools.partial(jit_program, static=("steps",))
-def _advance_compiled(params, box, scale, tol, state, found, steps):
-    """Return the next state of a search, ``descent.advance(state, found)``; a compiled program."""
+@functools.partial(as_program, static=("steps",))
+def _advance(params, args, box, scale, tol, state, found, steps):
+    """Return the next state of a search with the default optimizer."""
     return _make_descent(params, box, scale, tol, steps)[0].advance(state, found)
 
 
+def _make_advance(reference, optimizer):
+    """Return `_advance` for a user's optimizer, which may evaluate the loss ``reference()``."""
+
+    def advance(params, args, box, scale, tol, state, found, steps):
+        loss = _flat_loss(reference, params, args)
+        descent = _make_descent(params, box, scale, tol, steps, loss, optimizer)[0]
+        return descent.advance(state, found)
+
+    return as_program(advance, static=("steps",))
+
+
+@as_program
 def _make_design(params, box, tol, end):
     """Convert the last state `end` of a search, which started at `params`, to a `Design`."""
     start, back = ravel_pytree(params)
@@ -323,6 +308,5 @@ def _make_design(params, box, tol, end):
     )
 
 
-_make_design_compiled = jit_program(_make_design)
-_programs = ProgramCache(_compile_minimize)
-_evaluations = ProgramCache(_split_evaluation)
+_evaluations = ProgramCache(_make_evaluation)
+_searches = ProgramCache(_make_search)

@@ -15,6 +15,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..evaluation.program_calls import as_program
 from .arguments import (
     broadcast_to_elements,
     checked_smoothing_width,
@@ -49,11 +50,11 @@ def smooth_max(
     values = jax.tree.map(lambda v: checks.as_floats(v, "values"), values)
     if not any(np.size(v) for v in jax.tree.leaves(values)):
         raise ValueError("values: are empty; expected at least one number")
-    return _smooth_max_compiled(values, checked_smoothing_width(width))
+    return _smooth_max_program(values, checked_smoothing_width(width))
 
 
-@jax.jit
-def _smooth_max_compiled(values, width):
+@as_program
+def _smooth_max_program(values, width):
     """Return `smooth_max` of values and a width that have been checked; a compiled program."""
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
     return width * jax.nn.logsumexp(flat / width)

@@ -28,7 +28,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
-from .bars_for_cables import replace_cables_by_bars, solve_with_bars_if_taut
+from .bars_for_cables import replace_cables_by_bars
 from .fit import fit, fit_on_host
 from .targets import Target, deviations, require_targets, result_names_for_targets
 from .trials import Evaluation
@@ -134,9 +134,8 @@ def tune(
         method, start: as for `solve`.
         smooth: whether to begin with bars in place of cables, which also bear compression, where
             the structure has beams or bars, too. Where cables go slack results have kinks, at which
-            a search from far away can get stuck. If all cables are taut in all increments, the
-            result is that of cables; else the phases are analysed with cables, and the search goes
-            on with them where results differ.
+            a search from far away can get stuck. The phases found are analysed with cables, and the
+            search goes on with them where results differ.
         steps, tol, progress: as for `fit`.
 
     Returns:
@@ -211,9 +210,7 @@ def tune(
             spent = found.steps
             reached = select_tree(found.status == status.OK, found.params, values)
             with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve_with_bars_if_taut(
-                    structure, pressing, phases_with(reached), method
-                )
+                solution = solve(structure, phases_with(reached), method)
                 values = reached
         if solution is None or not _cables_act_like_bars(targets, solution, found):
             found = seeks(structure, values)

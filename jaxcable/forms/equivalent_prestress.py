@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 
 from ..analysis.solution import Solution, State
@@ -10,6 +9,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging, Uniaxial
 from ..elements.prestress import call_each_element
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
@@ -90,9 +90,9 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
     return EquivalentPrestress(**values)
 
 
-@jax.jit
+@as_program
 def _evaluate_prestress(without_indices, index_arrays):
-    """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; compiled."""
+    """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; a program."""
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [

@@ -25,6 +25,7 @@ from ..common.selection import Only
 from ..common.tree import Indices, cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
@@ -205,17 +206,13 @@ def number_unknowns_by_axis(
         number[free] = np.arange(len(free), dtype=np.int32)
         number = number[ends]
         pattern = linear.make_pattern([number], len(free), True, solver)
-        with jax.ensure_compile_time_eval():  # known arrays, even if a caller is being traced
-            blocks.append(
-                _AxesSharingMatrix(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern)
-            )
-    with jax.ensure_compile_time_eval():
-        return jnp.asarray(ends), blocks
+        blocks.append(_AxesSharingMatrix(tuple(axes), free, number, pattern))
+    return ends, blocks
 
 
-@jax.jit
+@as_program
 def _solve_with_nodal_loads(without_indices, index_arrays, numbering):
-    """Find the positions [n_node, 3] under nodal loads, by linear solves per axis; compiled."""
+    """Find the positions [n_node, 3] under nodal loads, by linear solves per axis; a program."""
     parameters = merge_indices(without_indices, index_arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)
@@ -229,7 +226,7 @@ def _solve_with_nodal_loads(without_indices, index_arrays, numbering):
     return positions
 
 
-@jax.jit
+@as_program
 def _solve_with_form_loads(without_indices, index_arrays, numbering, dof_map, method):
     """Find the positions, [n_node, 3], under loads that depend on the form, by Newton's method.
 

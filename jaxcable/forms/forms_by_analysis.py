@@ -34,6 +34,7 @@ from ..common.tree import (
 )
 from ..common.types import Array, Float
 from ..equilibrium.newton import Newton, residual_tolerance
+from ..evaluation.program_calls import as_program
 from ..loads import (
     AreaLoads,
     CablePressure,
@@ -199,9 +200,9 @@ def _refuse_unknown_pressure(where, load, structure, prescribed):
             )
 
 
-@jax.jit
+@as_program
 def _find_form(structure, prescribed, passed, dependent, method):
-    """Find the form, a `Form` with lists per group; compiled. Arguments are from `share_loads`."""
+    """Find the form, a `Form` with lists per group; a program. Arguments are from `share_loads`."""
     nodes = jnp.asarray(structure.nodes)
     parameters = nodes, structure.groups, prescribed, passed, dependent
     prescribed, groups, dependent = cast_floats(

@@ -20,6 +20,7 @@ from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 
@@ -195,7 +196,7 @@ def hanging_chain(
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
 
 
-@functools.partial(jax.jit, static_argnames=("n",))
+@functools.partial(as_program, static=("n",))
 def _solve_hanging_chain(chord, sag, weight, stiffness, n):
     """Solve for the nodes of a hanging chain relative to the first, [n + 1, 3], m, and its length.
 

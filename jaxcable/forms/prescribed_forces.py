@@ -28,6 +28,7 @@ from ..common.tree import cast_floats, copy_with, merge_indices, split_indices
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..model import plausibility
 from ..model.structure import Structure
@@ -195,15 +196,15 @@ def find_form(
     without_indices, index_arrays = split_indices(problem)
     numberings = dof_map, saddle_numbering, axis_numbering
     return arrange_form_as_elements(
-        _solve_form(without_indices, index_arrays, *numberings, method, convex), structure
+        _solve_form(without_indices, index_arrays, *numberings, method, convex=convex), structure
     )
 
 
-@functools.partial(jax.jit, static_argnames=("convex",))
+@functools.partial(as_program, static=("convex",))
 def _solve_form(
     without_indices, index_arrays, dof_map, saddle_numbering, axis_numbering, method, convex
 ):
-    """Find the form with prescribed forces and lengths, a `Form` with lists per group; compiled.
+    """Find the form with prescribed forces and lengths, a `Form` with lists per group; a program.
 
     `dof_map`, `saddle_numbering` (None if no lengths are given) and `axis_numbering` (None unless
     `convex`) number the unknowns. `convex` says that there are tensions only, and no lengths.

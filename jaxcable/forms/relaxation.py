@@ -30,6 +30,7 @@ from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_i
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jack_value_or, measure_chord
 from ..elements.statement import StatedValues
+from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.elementwise import map_elements
 from ..model import plausibility
@@ -204,7 +205,7 @@ class _RelaxationState:
     scale: Float[Array, ""]
 
 
-@jax.jit
+@as_program
 def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps):
     """Find the equilibrium by dynamic relaxation; return a `Form` with a list item per group.
 

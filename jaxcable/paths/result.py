@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 
 from ..analysis.phase_results import Path
 from ..common.tree import pytree
 from ..common.types import Array, Float, Int
+from ..evaluation.program_calls import as_program
 from .events import FAILURES, Events
 
 
@@ -83,7 +83,7 @@ class TracedPath(Path):
         return _load_factor_of_first_failure(events.kind, events.load_factor, self.load_factor)
 
 
-@jax.jit
+@as_program
 def _load_factor_of_first_failure(event_kinds, event_factors, path_factors):
     """Return the load factor of the first event whose kind is one of `FAILURES`; NaN without one.
 

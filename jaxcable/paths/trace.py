@@ -19,11 +19,11 @@ from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..analysis.states import without_extra_rows
 from ..common import checks, status
-from ..common.compilation import jit_program
 from ..common.rules import refuse_if_broken
 from ..common.tree import copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..loads import Varying, as_list
 from ..mechanics.load_ramp import LoadRamp
 from ..model.structure import Structure
@@ -136,7 +136,7 @@ def trace_path(
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     core = task.without_indices, task.arrays, task.method, settings, task.code
     path, n_point, n_event = _trace_compiled(
-        *core, capacity=(int(steps), int(events)), bundles=task.bundles, size=task.n_unknown
+        *core, capacity=(int(steps), int(events)), bundles=task.bundles
     )
     path = map_element_fields(
         fill_peak_tensions(without_extra_rows(structure, path)), structure.arrange
@@ -144,16 +144,19 @@ def trace_path(
     happened = without_extra_rows(structure, path.events, ("displacement", "mode"))
     happened = copy_with(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_point, jax.core.Tracer):
-        happened = _first_entries(happened, int(n_event))
-        reached = _first_entries(copy_with(path, status=None, events=None), int(n_point))
+        happened = _first_entries(happened, count=int(n_event))
+        reached = _first_entries(copy_with(path, status=None, events=None), count=int(n_point))
         path = copy_with(reached, status=path.status)
     return copy_with(path, events=happened)
 
 
-@functools.partial(jax.jit, static_argnames=("count",))
 def _first_entries(tree, count):
-    """Return a pytree of arrays, each cut to its first `count` entries."""
-    return jax.tree.map(lambda a: a[:count], tree)
+    """Return a pytree of arrays, each cut to its first `count` entries, known ones by NumPy."""
+
+    def cut(a):
+        return a[:count] if isinstance(a, jax.core.Tracer) else jnp.asarray(np.asarray(a)[:count])
+
+    return jax.tree.map(cut, tree)
 
 
 def check_path_settings(structure, until, down_to, step, largest, tol, through):
@@ -166,9 +169,9 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
     return PathSettings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
-@functools.partial(jit_program, static=("capacity", "bundles"))
+@functools.partial(as_program, static=("capacity", "bundles"))
 def _trace_compiled(without_indices, index_arrays, method, settings, code, capacity, bundles):
-    """Trace a path; return `TracedPath` of full length, numbers of points and events; compiled."""
+    """Trace a path; return `TracedPath` of full length, numbers of points and events; a program."""
     parameters = merge_indices(without_indices, index_arrays)
     code = status.first_failure(code, traced_input_status(parameters, method, settings)[1][0])
     nodes, groups, restart, schedule = complete_input(parameters, bundles)

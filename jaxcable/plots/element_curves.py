@@ -16,6 +16,7 @@ from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import single_element
+from ..evaluation.program_calls import as_program
 from ..forms import catenary_curves
 from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure
@@ -269,7 +270,7 @@ def hermite_cubic(
     return np.einsum("px,...xk->...pk", np.stack([first, second], axis=1), bend)
 
 
-@jax.jit
+@as_program
 def _deflected_beams(without_indices, arrays, motion):
     """Return slopes, section axes and chord lengths of the beams of each group; None for others.
 

@@ -13,19 +13,25 @@ from jax import lax
 from jax.scipy.special import ndtr
 
 from ..common import checks, status
-from ..common.compilation import call_announced
 from ..common.function_programs import ProgramCache
 from ..common.jax_internals import convert_closure
-from ..common.split_programs import SplitProgram, can_be_split, splittable
-from ..common.types import ArrayLike, Float
+from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
+from ..design.search_loop import is_plain_call, search_in_program, search_on_host
+from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from .distributions import Distribution
 from .first_order_result import FirstOrder
 from .index_derivative import attach_derivative, without_derivative
-from .limit_states import limit_state_names, limit_state_vector, require_limit_state
+from .limit_states import (
+    limit_state_names,
+    limit_state_vector,
+    names_of_outcome,
+    require_limit_state,
+)
 from .quantities import Quantities, as_quantities, split_by_name
-from .search import advance_search, begin_search, find_design_point
+from .search import advance_search, begin_search
 
 _TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
 
@@ -52,7 +58,7 @@ def first_order(
         quantities: `Quantities`, or a dict of independent distributions by name.
 
     Options:
-        args: tuple of further arguments of the limit state, any pytrees. It is compiled once per
+        args: tuple of further arguments of the limit state, any pytrees. It is traced once per
             function object: variables that it captures become constants of the program.
         start: values by name at which the search begins; those that it lacks are at their medians,
             where all are by default. A design point is the nearest one around: other starts may
@@ -68,9 +74,8 @@ def first_order(
         are exact: ``dG/dp / |dG/du|`` at the design point, which is stationary (envelope
         theorem). The other results, and second derivatives, have NaN for a derivative.
 
-    Called from Python, it runs the analyses (`solve`) in a limit state by the programs that they
-    have by themselves. Under jit, vmap or a derivative the whole search is one program, which takes
-    longer to compile.
+    Called from Python, every trial point is a program of one limit state and its gradient; under
+    jit, vmap or a derivative the whole search is a part of the program.
 
     Raises:
         ValueError: no function, quantities that are none, or a limit state that returns something
@@ -96,15 +101,14 @@ def first_order(
     require_limit_state(limit_state)
     quantities = as_quantities(quantities)
     checks.require_whole_number(steps, "steps")
-    dtype = jnp.zeros(0).dtype
-    tol = jnp.asarray(check_tolerance(tol, _TOLERANCE[str(dtype)]), dtype)
-    begin = jnp.asarray(quantities.normal_at({} if start is None else start))
+    dtype = jax.dtypes.canonicalize_dtype(float)
+    tol = check_tolerance(tol, _TOLERANCE[str(dtype)])
+    tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
+    begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
     task = quantities, tuple(args), begin
-    if can_be_split((*task, tol)):
-        evaluate = _evaluations(limit_state)
-        if evaluate.has_calls(np.int32(0), *task):
-            return _first_order_on_host(limit_state, evaluate, *task, steps, tol)
-    return call_announced(_programs(limit_state, steps), *task, tol)
+    if is_plain_call((*task, tol)):
+        return _search_on_host(_evaluations(limit_state), *task, steps, tol)
+    return _programs(limit_state, steps)(*task, tol)
 
 
 def _vector(reference, quantities, args, u):
@@ -117,49 +121,67 @@ def _names(reference, quantities, args, u):
     return limit_state_names(lambda values: reference()(values, *args), quantities.values_at(u))
 
 
-def _split_evaluation(reference):
-    """Return the `SplitProgram` of one limit state and its gradient; its analyses stay apart."""
+@pytree(static=("names",))
+class _Evaluation:
+    """One limit state at a point, its gradient [n], and the names of all; None for one number."""
 
-    def one(number, quantities, args, u):
-        return _vector(reference, quantities, args, u)[number]
-
-    def evaluate(number, quantities, args, u):
-        return jax.value_and_grad(splittable(lambda u: one(number, quantities, args, u)))(u)
-
-    return SplitProgram(evaluate, calling=splittable(one))
+    value: Float[Array, ""]
+    gradient: Float[Array, " n"]
+    names: tuple[str, ...] | None
 
 
-_evaluations = ProgramCache(_split_evaluation)
+def _make_evaluation(reference):
+    """Return the program that evaluates one of the limit states of the function ``reference()``.
+
+    It takes the number of the limit state, quantities, further arguments and the `SearchState`.
+    """
+
+    def evaluate(number, quantities, args, state):
+        def one(u):
+            outcome = reference()(quantities.values_at(u), *args)
+            value = limit_state_vector(outcome)[number]
+            return value, _Evaluation(value, u, names_of_outcome(outcome))
+
+        (value, found), gradient = jax.value_and_grad(one, has_aux=True)(state.trial())
+        return _Evaluation(value, gradient, found.names)
+
+    return as_program(evaluate)
 
 
-def _first_order_on_host(limit_state, evaluate, quantities, args, begin, steps, tol):
-    """Search in a Python loop: `evaluate` runs the analyses by the programs that they have."""
-    names = _names(lambda: limit_state, quantities, args, begin)
-    found = []
+def _search_on_host(evaluate, quantities, args, begin, steps, tol):
+    """Search in Python, one limit state after the other; `evaluate` is of `_evaluations`."""
+    start = _initial_state(quantities, begin, tol)
+    first = [evaluate(np.int32(0), quantities, args, start)]  # it tells how many there are
+    names, results = first[0].names, []
     for number in range(1 if names is None else len(names)):
-        state = _begin_compiled(quantities, begin, tol)
-        while state.is_running():
-            values = evaluate(np.int32(number), quantities, args, state.trial())
-            state = _advance_compiled(state, *values, tol, steps=steps)
-        found.append(_fields_compiled(state, quantities))
-    fields = found[0] if names is None else jax.tree.map(lambda *parts: jnp.stack(parts), *found)
+
+        def evaluate_trial(state, number=number):
+            return first.pop() if first else evaluate(np.int32(number), quantities, args, state)
+
+        advance = functools.partial(_advance, tol=tol, steps=steps)
+        results.append(_fields(search_on_host(evaluate_trial, advance, start), quantities))
+    fields = results[0]
+    if names is not None:
+        fields = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
     return FirstOrder(*fields, limit_states=names, layout=quantities.layout)
 
 
-@jax.jit
-def _begin_compiled(quantities, begin, tol):
-    """Return the state before a search; a compiled program."""
+@as_program
+def _initial_state(quantities, begin, tol):
+    """Return the state before a search."""
     return begin_search(begin, quantities.are_valid() & is_valid_tolerance(tol))
 
 
-@functools.partial(jax.jit, static_argnames="steps")
-def _advance_compiled(state, value, gradient, tol, *, steps):
-    """Return the next state of a search; a compiled program."""
-    return advance_search(state, value, gradient, steps, tol)
+def _advance(state, found, tol, steps):
+    """Return the next state of a search, by an `_Evaluation`."""
+    return _advance_program(state, found.value, found.gradient, tol, steps=steps)
 
 
-def _compile_first_order(reference, steps):
-    """Return the program of `first_order` for the limit state ``reference()``."""
+_advance_program = as_program(advance_search, static=("steps",))
+
+
+def _make_traced_search(reference, steps):
+    """Return `first_order` for the limit state ``reference()``, as a part of another program."""
 
     def run(quantities, args, begin, tol):
         names = _names(reference, quantities, args, begin)
@@ -172,9 +194,12 @@ def _compile_first_order(reference, steps):
         own, start, within = lax.stop_gradient((quantities, begin, tol))
 
         def search(number):
-            evaluate = jax.value_and_grad(lambda u: function(u, held)[number])
-            state = _begin_compiled(own, start, within)
-            state = find_design_point(evaluate, state, steps, within)
+            def evaluate(state):
+                found = jax.value_and_grad(lambda u: function(u, held)[number])(state.trial())
+                return _Evaluation(*found, names)
+
+            advance = functools.partial(_advance, tol=within, steps=steps)
+            state = search_in_program(evaluate, advance, _initial_state(own, start, within))
             code, beta, _, *others = _fields(state, own)
             beta = attach_derivative(function, number, beta, state.point, numbers)
             floats = [isinstance(x, dict) or x.dtype == beta.dtype for x in others]
@@ -192,9 +217,7 @@ def _compile_first_order(reference, steps):
     return jax.jit(run)
 
 
-_programs = ProgramCache(_compile_first_order)
-
-
+@as_program
 def _fields(state, quantities):
     """Return the fields of `FirstOrder`, without derivatives, of a search that has ended."""
     layout, point, factor = quantities.layout, state.point, quantities.factor()
@@ -215,4 +238,5 @@ def _fields(state, quantities):
     )
 
 
-_fields_compiled = jax.jit(_fields)
+_evaluations = ProgramCache(_make_evaluation)
+_programs = ProgramCache(_make_traced_search)

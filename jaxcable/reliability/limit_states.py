@@ -46,10 +46,15 @@ def limit_state_names(function: Callable[[Any], Any], values: Any) -> tuple[str,
 
     Those of a dict are its names in alphabetical order, those of a vector "0", "1" and so on.
     """
-    outcome = jax.eval_shape(lambda values: _checked(function(values)), values)
+    return names_of_outcome(jax.eval_shape(lambda values: _checked(function(values)), values))
+
+
+def names_of_outcome(outcome: Any) -> tuple[str, ...] | None:
+    """Return the names of limit states, from what their function has returned as arrays."""
     if isinstance(outcome, dict):
         return tuple(sorted(outcome))
-    return None if outcome.ndim == 0 else tuple(str(k) for k in range(outcome.shape[0]))
+    shape = jnp.shape(outcome)
+    return tuple(str(k) for k in range(shape[0])) if shape else None
 
 
 def _checked(outcome):

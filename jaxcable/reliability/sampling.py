@@ -17,6 +17,7 @@ from ..common.function_programs import ProgramCache
 from ..common.jax_internals import is_tracing
 from ..common.tree import pytree
 from ..common.types import Array, Float
+from ..evaluation.program_calls import as_program
 from .distributions import Distribution
 from .first_order_result import FirstOrder
 from .limit_states import limit_state_vector, require_limit_state
@@ -100,7 +101,7 @@ def importance_sampling(
         samples: number of samples.
         key: number or key of jax, from which all samples follow.
         spread: standard deviation of the samples around design points.
-        args: tuple of further arguments of the limit state; another tuple compiles again.
+        args: tuple of further arguments of the limit state; with another tuple it is traced again.
         chunk, devices: as for `batched`, which evaluates the limit state.
 
     Returns:
@@ -135,6 +136,7 @@ def importance_sampling(
     if not isinstance(key, jax.Array):
         checks.require_whole_number(key, "key", 0)
         key = jax.random.key(key)
+    generator, key = str(jax.random.key_impl(key)), jax.random.key_data(key)
     own = functools.partial(_with_arguments, limit_state, args) if args else limit_state
     evaluate = batched(_cases(own), chunk, devices=devices)
     size = min(samples, max(_ROUND, chunk or 1))
@@ -143,8 +145,8 @@ def importance_sampling(
     unknown_values: list[Any] = []
     for number in range(rounds):
         count = min(size, samples - number * size)
-        draw = jax.random.fold_in(key, number)
-        values, weight = _draw(quantities, draw, centers, shares, spread, count=size)
+        draw = key, np.uint32(number), centers, shares, spread
+        values, weight = _draw(quantities, *draw, count=size, generator=generator)
         g = np.asarray(evaluate(values))[:count]
         weight = np.asarray(weight, float)[:count, None]
         violated = (g < 0).any(axis=1, keepdims=True)
@@ -184,7 +186,7 @@ def _summary(sums, samples, quantities, unknown_values):
 def _mixture(center, quantities):
     """Return the centers of the mixture, [k, n], and the share of the samples of each, [k]."""
     if center is None:
-        return jnp.zeros((1, quantities.size)), jnp.ones(1)
+        return np.zeros((1, quantities.size)), np.ones(1)
     betas, alphas = stacked_results(center, "center")
     first = center if isinstance(center, FirstOrder) else center[0]
     if first.layout != quantities.layout:
@@ -196,10 +198,15 @@ def _mixture(center, quantities):
     return betas[:, None] * alphas, shares
 
 
-@functools.partial(jax.jit, static_argnames="count")
-def _draw(quantities, key, centers, shares, spread, *, count):
-    """Return values of the quantities and weights of `count` samples of the mixture."""
-    which, normal = jax.random.split(key)
+@functools.partial(as_program, static=("count", "generator"))
+def _draw(quantities, key, number, centers, shares, spread, *, count, generator):
+    """Return values of the quantities and weights of `count` samples of the mixture.
+
+    `key` has the numbers of a key of this `generator`; `number` is that of the round, which has
+    random numbers of its own.
+    """
+    key = jax.random.wrap_key_data(key, impl=generator)
+    which, normal = jax.random.split(jax.random.fold_in(key, number))
     k = jax.random.categorical(which, jnp.log(shares), shape=(count,))
     u = centers[k] + spread * jax.random.normal(normal, (count, quantities.size))
     squares = jnp.sum(((u[:, None] - centers[None]) / spread) ** 2, axis=-1)

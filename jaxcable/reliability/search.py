@@ -7,11 +7,9 @@ where the limit state is smooth.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
 
 from ..common import status
 from ..common.tree import select_tree
@@ -67,6 +65,7 @@ class SearchState(NamedTuple):
         iterations, evaluations, failures: accepted steps; evaluations of the limit state; those
             among them that were NaN or infinite.
         code: status; NEEDS_FALLBACKS while the search goes on.
+        running: whether it goes on.
     """
 
     point: Point
@@ -77,14 +76,11 @@ class SearchState(NamedTuple):
     evaluations: Int[Array, ""]
     failures: Int[Array, ""]
     code: Int[Array, ""]
+    running: Bool[Array, ""]
 
     def trial(self) -> Float[Array, " n"]:
         """Return the point that is evaluated next."""
         return self.point.u + self.length * self.step
-
-    def is_running(self) -> Bool[Array, ""]:
-        """Return whether the search goes on."""
-        return self.code == _RUNNING
 
 
 _RUNNING = status.NEEDS_FALLBACKS  # no result has this code
@@ -104,6 +100,7 @@ def begin_search(start: Float[Array, " n"], valid: Bool[Array, ""]) -> SearchSta
         jnp.zeros_like(start),
         *(zero, zero, count, count, count),
         jnp.where(valid, _RUNNING, status.INVALID_INPUT).astype(jnp.int32),
+        jnp.asarray(valid),
     )
 
 
@@ -111,16 +108,16 @@ def advance_search(
     state: SearchState,
     value: Float[Array, ""],
     gradient: Float[Array, " n"],
-    steps: int,
     tol: Float[Array, ""],
+    steps: int,
 ) -> SearchState:
     """Return the next state, by limit state and gradient at ``state.trial()``.
 
     Args:
         state: present state.
         value, gradient: limit state and its derivative at the trial point.
-        steps: largest number of accepted steps.
         tol: tolerance of distance and misalignment, over the distance from the origin (at least 1).
+        steps: largest number of accepted steps.
     """
     first, old = state.evaluations == 0, state.point
     trial = Point(state.trial(), value, gradient)
@@ -136,6 +133,7 @@ def advance_search(
     length = jnp.where(accepted, 1.0, 0.5 * state.length).astype(value.dtype)
     iterations = state.iterations + (accepted & ~first)
     step, penalty = _next_step(point, tol)
+    code = _decide(point, accepted, first, length, iterations >= steps, tol)
     return SearchState(
         point,
         jnp.where(accepted, step, state.step),
@@ -144,30 +142,9 @@ def advance_search(
         iterations,
         state.evaluations + 1,
         state.failures + ~sound,
-        _decide(point, accepted, first, length, iterations >= steps, tol),
+        code,
+        code == _RUNNING,
     )
-
-
-def find_design_point(
-    evaluate: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Float[Array, " n"]]],
-    begin: SearchState,
-    steps: int,
-    tol: Float[Array, ""],
-) -> SearchState:
-    """Search the design point of one limit state, within a program.
-
-    In a batch each case ends by itself.
-
-    Args:
-        evaluate: function of u that returns limit state and gradient.
-        begin: state from `begin_search`.
-        steps, tol: as for `advance_search`.
-    """
-
-    def iterate(state):
-        return advance_search(state, *evaluate(state.trial()), steps, tol)
-
-    return lax.while_loop(lambda state: state.is_running(), iterate, begin)
 
 
 def _merit(point, penalty):

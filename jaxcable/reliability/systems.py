@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtr
@@ -13,6 +12,7 @@ from jax.scipy.special import ndtr
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, Float
+from ..evaluation.program_calls import as_program
 from .first_order_result import FirstOrder
 from .quantities import join_by_name
 
@@ -85,7 +85,7 @@ def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
     return _bounds(*stacked_results(results, "results"))
 
 
-@jax.jit
+@as_program
 def _bounds(betas, alphas):
     """Return `SeriesSystem` of linear limit states ``beta - alpha . u``."""
     # rounding alone can leave this range: rows of `alphas` are unit vectors

@@ -9,6 +9,7 @@ from jax import lax
 
 from ..common import checks
 from ..common.types import Array, ArrayLike, Float
+from ..evaluation.program_calls import as_program
 from .quantities import Quantities, join_by_name
 
 _NODES, _TERMS, _STEPS = 80, 40, 30
@@ -56,7 +57,7 @@ def normal_correlation(
     return _correlation_of_normals(quantities, wanted)
 
 
-@jax.jit
+@as_program
 def _correlation_of_normals(quantities, wanted):
     """Return the result of `normal_correlation`."""
     n = quantities.size

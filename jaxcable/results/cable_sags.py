@@ -22,6 +22,7 @@ from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Sagging
+from ..evaluation.program_calls import as_program
 from ..loads.groups import group_numbers
 from ..model.structure import Structure
 from ..numerics import scaled
@@ -300,9 +301,9 @@ def _select_shapes(chosen, one, other):
     return jax.tree.map(select, one, other)
 
 
-@jax.jit
+@as_program
 def _chain_sag(pieces):
-    """Return the `Sag` of a chain; arrays of `pieces` have axes [..., n_piece]; compiled."""
+    """Return the `Sag` of a chain; arrays of `pieces` have axes [..., n_piece]; a program."""
     function = _sag_of_pieces
     for _ in range(pieces.rest_length.ndim - 1):
         function = jax.vmap(function)

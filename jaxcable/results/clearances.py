@@ -13,6 +13,7 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..evaluation.program_calls import as_program
 from ..loads.groups import Key, group_numbers
 from ..model.structure import Structure
 from ..numerics.roots import bracketed_root
@@ -252,7 +253,7 @@ def _clearance(structure, state, on, function, *others):
     )
 
 
-@jax.jit
+@as_program
 def _per_element(distance, place, there):
     """Return distances and places of elements, NaN where not active, and distances to compare.
 
@@ -270,7 +271,7 @@ def _per_element(distance, place, there):
     )
 
 
-@jax.jit
+@as_program
 def _least_of(rows):
     """Return the least distance of groups, its place, and the index among all their elements."""
     distance = jnp.concatenate([distance for distance, _ in rows], axis=-1)

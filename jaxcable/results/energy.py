@@ -169,7 +169,7 @@ def energy_balance(
             )
     records = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
     arguments = task.without_indices, task.arrays, records
-    found = increment_works(*arguments, bundles=task.bundles, size=task.n_unknown)
+    found = increment_works(*arguments, bundles=task.bundles)
     phase_terms, end = jax.tree.map(np.asarray, found)
     for computed, given in zip(end, end_fingerprint(solution.last.restart), strict=True):
         difference = np.abs(computed - np.asarray(given)).max()

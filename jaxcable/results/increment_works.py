@@ -15,10 +15,10 @@ from jax import lax
 
 from ..analysis.preparation import complete_input
 from ..common import status
-from ..common.compilation import jit_program
 from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Float
 from ..elements.element_state import ElementState, TotalLoads
+from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState, with_loads_until
@@ -29,9 +29,9 @@ from ..spaces import space_of
 _SMALL = 1e-6
 
 
-@functools.partial(jit_program, static=("bundles",))
+@functools.partial(as_program, static=("bundles",))
 def increment_works(without_indices, index_arrays, paths, bundles):
-    """Compute works and energies of all increments of an analysis; a compiled program.
+    """Compute works and energies of all increments of an analysis; a program.
 
     Args:
         without_indices, index_arrays, bundles: structure and phases, from `preparation.prepare`.

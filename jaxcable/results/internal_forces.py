@@ -12,6 +12,7 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import POINT_LOADS, Bending
 from ..elements.prestress import single_element
+from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
@@ -102,9 +103,9 @@ def section_forces(
     return structure.arrange(_section_forces_at(*split, places))
 
 
-@jax.jit
+@as_program
 def _section_forces_at(without_indices, index_arrays, dof_map, places):
-    """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; compiled."""
+    """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; a program."""
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)

@@ -14,6 +14,7 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..numerics import rotations
@@ -78,7 +79,7 @@ def rotation_vectors(structure: Structure, state: StateOrPhase) -> Float[Array, 
         >>> print(solution.status, f"{turned[1, 1]:.6f}")
         0 0.030000
     """
-    return rotations.rotation_vectors(_quaternions(structure, state))
+    return _rotation_vectors(_quaternions(structure, state))
 
 
 def node_tilts(
@@ -115,9 +116,8 @@ def node_tilts(
     """
     axis = checks.floats_of_shape(axis, "axis", (3,))
     text = "axis: expected a vector of length above zero"
-    axis = jnp.asarray(nan_if_broken(Rule("axis", axis, lambda v: (v == 0).all(), lambda *_: text)))
-    unit = axis / jnp.sqrt(scalar_product(axis, axis))
-    return Tilt(*_node_tilts(_quaternions(structure, state), unit))
+    axis = nan_if_broken(Rule("axis", axis, lambda v: (v == 0).all(), lambda *_: text))
+    return Tilt(*_node_tilts(_quaternions(structure, state), axis))
 
 
 def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
@@ -148,20 +148,10 @@ def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
     """
     known = known_results(structure, state)
     present = items_per_group(structure, known.present)
-    found = []
-    nodes, positions = jnp.asarray(structure.nodes), jnp.asarray(known.positions)
-    for group, there in zip(structure.groups, present, strict=True):
-        ends = group.links.array[:, [0, -1]]
-        before = nodes[ends[:, 1]] - nodes[ends[:, 0]]
-        after = positions[..., ends[:, 1], :] - positions[..., ends[:, 0], :]
-        rotation = known.rotation if group.rotates else None
-        turned = None if rotation is None else rotation[..., ends, :]
-        tilt, twist = _chord_tilts(before, after, turned)
-        if there is not None:
-            tilt = jnp.where(there > 0, tilt, jnp.nan)
-            twist = None if twist is None else jnp.where(there[..., None] > 0, twist, jnp.nan)
-        found.append(Tilt(tilt, twist))
-    return structure.arrange(found)
+    rotations = [known.rotation if group.rotates else None for group in structure.groups]
+    ends = [group.links.array[:, [0, -1]] for group in structure.groups]
+    given = structure.nodes, known.positions, list(zip(ends, present, rotations, strict=True))
+    return structure.arrange(_element_tilts(*given))
 
 
 def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_node 4"]:
@@ -172,9 +162,14 @@ def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_n
     return jnp.asarray(results.rotation)
 
 
-@jax.jit
-def _node_tilts(quaternions, unit):
-    """Return tilt and twist of an axis in all nodes, compiled."""
+_rotation_vectors = as_program(rotations.rotation_vectors)
+
+
+@as_program
+def _node_tilts(quaternions, axis):
+    """Return tilt and twist of an axis in all nodes; a program."""
+    axis = jnp.asarray(axis)
+    unit = axis / jnp.sqrt(scalar_product(axis, axis))
     return _over_leading_axes(functools.partial(_tilt_and_twist, unit=unit), quaternions)
 
 
@@ -204,9 +199,28 @@ def _twist(q, along):
     return 2 * jnp.arctan2(sign * along, sign * q[0])
 
 
-@jax.jit
+@as_program
+def _element_tilts(nodes, positions, groups):
+    """Return the `Tilt` of every group; a program.
+
+    `groups` has, for each, the nodes at both ends, [n_elem, 2], which elements are present, and the
+    rotations of all nodes; the last two may be None.
+    """
+    found = []
+    for ends, there, rotation in groups:
+        before = nodes[ends[:, 1]] - nodes[ends[:, 0]]
+        after = positions[..., ends[:, 1], :] - positions[..., ends[:, 0], :]
+        turned = None if rotation is None else rotation[..., ends, :]
+        tilt, twist = _chord_tilts(before, after, turned)
+        if there is not None:
+            tilt = jnp.where(there > 0, tilt, jnp.nan)
+            twist = None if twist is None else jnp.where(there[..., None] > 0, twist, jnp.nan)
+        found.append(Tilt(tilt, twist))
+    return found
+
+
 def _chord_tilts(before, after, turned):
-    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements, compiled.
+    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements.
 
     `before` and `after` are their chords, `turned` the rotations of both nodes, or None.
     """

@@ -8,6 +8,7 @@ from ..analysis.phase_results import PhaseResult
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import single_element
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..sections import LinearSection
@@ -56,9 +57,9 @@ def fibre_stress(
     return structure.arrange(_stresses_of_groups(*split_indices((structure.groups, *records))))
 
 
-@jax.jit
+@as_program
 def _stresses_of_groups(without_indices, index_arrays):
-    """Compute the fibre stresses of all groups, Pa, None without a section or law; compiled."""
+    """Compute the fibre stresses of all groups, Pa, None without a section or law; a program."""
     stresses = []
     for group, strain, tension, memory in zip(
         *merge_indices(without_indices, index_arrays), strict=True

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..evaluation.program_calls import as_program
 from ..materials import Elastic
 from ..materials.law import Law, Numbers, Values
 
@@ -149,11 +150,7 @@ class Fibres:
             >>> print(f"{N / 1e3:.1f} kN, {My / 1e3:.1f} kN m, {abs(Mz):.1f} N m")
             400.0 kN, 133.3 kN m, 0.0 N m
         """
-        if self.is_elastic:
-            strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
-            return tuple(jnp.moveaxis(strain @ self.stiffness(), -1, 0))
-        force = self.fibre_stress(e0, ky, kz, memory)
-        return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._lever_arms()), -1, 0))
+        return _forces(self, e0, ky, kz, memory)
 
     def forces_and_tangent(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None
@@ -292,9 +289,19 @@ def _energy_of_law(law, strain, memory):
     return law.energy_at(strain, memory)
 
 
-@jax.jit
+@as_program
+def _forces(section, e0, ky, kz, memory):
+    """Return axial force and bending moments at given strains: `Fibres.forces`, a program."""
+    if section.is_elastic:
+        strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
+        return tuple(jnp.moveaxis(strain @ section.stiffness(), -1, 0))
+    force = section.fibre_stress(e0, ky, kz, memory)
+    return tuple(jnp.moveaxis(force @ (section.area[:, None] * section._lever_arms()), -1, 0))
+
+
+@as_program
 def _initial_stiffness(section):
-    """Return the initial stiffness of a section, [3, 3]: `Fibres.stiffness`, compiled."""
+    """Return the initial stiffness of a section, [3, 3]: `Fibres.stiffness`, a program."""
     lever = section._lever_arms()
     modulus = section._repeat_per_fibre([law.modulus for law in section.laws])
     total = lever.T @ ((section.area * modulus)[:, None] * lever)

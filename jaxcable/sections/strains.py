@@ -16,6 +16,7 @@ from .. import linear
 from ..common import status
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..evaluation.program_calls import as_program
 from ..materials.law import Numbers, Values
 from ..numerics import implicit
 from ..numerics.line_search import line_search
@@ -88,7 +89,14 @@ def solve_strains(
         >>> print(jc.describe(section.strains(N=3e6, My=0.0, Mz=0.0).status)[:37])
         the section cannot carry these forces
     """
-    N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
+    forces = tuple(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz))
+    return _solve_strains(section, forces, memory, tol, max_steps)
+
+
+@as_program
+def _solve_strains(section, forces, memory, tol, max_steps):
+    """Return the `SectionState` of forces N, My and Mz: `solve_strains`, a program."""
+    N, My, Mz = jnp.broadcast_arrays(*forces)
     if N.ndim:
         return _solve_one_by_one(section, (N, My, Mz), memory, tol, max_steps)
     if memory is None and section.has_memory:
@@ -130,7 +138,7 @@ def _solve_one_by_one(section, forces, memory, tol, max_steps):
 
     def of_one(item):
         force, remembered = item
-        return solve_strains(section, *force, remembered if by_force else memory, tol, max_steps)
+        return _solve_strains(section, force, remembered if by_force else memory, tol, max_steps)
 
     states = lax.map(of_one, (flat, memories))
     return jax.tree.map(lambda v: v.reshape(shape), states)

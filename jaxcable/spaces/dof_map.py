@@ -245,7 +245,7 @@ def make_dof_map(
     number = np.full(mask.size, n_free, np.int32)
     number[free] = np.arange(n_free, dtype=np.int32)
     if solver == "dense":
-        need = _DENSE_MATRICES * n_free**2 * jnp.zeros(0).dtype.itemsize
+        need = _DENSE_MATRICES * n_free**2 * jax.dtypes.canonicalize_dtype(float).itemsize
         way_out = "linear_solver=None chooses a sparse solver"
         memory_limit.require_memory(need, f'linear_solver = "dense" for {n_free} unknowns', way_out)
     number = number.reshape(mask.shape)

@@ -6,6 +6,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .. import linear
 from ..analysis.solution import Solution, State
@@ -14,17 +15,18 @@ from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging, is_one_sided
 from ..elements.element import Element
+from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from ..mechanics.restart_state import initial_restart_state, make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
-    compiled_tangent,
-    displacement_jacobian,
     merge_solution_state,
     require_dense_memory,
     require_symmetric_elements,
     split_solution_state,
+    tangent_and_displacements,
+    tangent_matrix,
 )
 
 _DENSE_MATRICES = 14  # dense matrices in memory at once, measured
@@ -157,15 +159,11 @@ def buckling_factor(
             "reference: missing; loads change the stiffness of catenaries, so that there is no "
             "unstressed state to compare with; give the state before the loads to be multiplied"
         )
-    after, slack = (
-        compiled_tangent(without_indices, index_arrays, dof_map),
-        _slack_elements(without_indices, index_arrays),
-    )
-    alike: Bool[ArrayLike, ""]
+    after, slack = _tangent_and_slack(without_indices, index_arrays, dof_map)
     if reference is None:
-        alike = _can_be_unstressed(structure, slack)
+        pairs = _must_not_be_slack(structure, slack)
         bare = _unstressed_state_with_zero_loads(without_indices, index_arrays, slack)
-        before = compiled_tangent((*without_indices[:2], bare), index_arrays, dof_map)
+        before = tangent_matrix((*without_indices[:2], bare), index_arrays, dof_map)
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
@@ -177,12 +175,14 @@ def buckling_factor(
             structure, reference, held
         )
         _refuse_follower_loads(reference_frame[2], "reference")
-        before = compiled_tangent(reference_frame, reference_arrays, reference_freedoms)
-        pairs = zip(_slack_elements(reference_frame, reference_arrays), slack, strict=True)
-        alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
-        alike &= _same_elements_present(reference_frame[2], without_indices[2])
-    symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
-    if checks.array_if_known(symmetric) is not None and not symmetric:
+        given = reference_frame, reference_arrays, reference_freedoms
+        before, slack_before = _tangent_and_slack(*given)
+        pairs = list(zip(slack_before, slack, strict=True))
+        pairs += _present_elements(reference_frame[2], without_indices[2])
+    split = without_indices, index_arrays, dof_map
+    sizes = {"n": min(n, len(after)), "n_node": structure.n_node}
+    found = _find_modes(split, before, after, pairs, **sizes)
+    if checks.array_if_known(found.semi_tangential) is not None and found.semi_tangential:
         if not _nodal_moments_act(without_indices, index_arrays):
             raise ValueError(
                 "state: its tangent stiffness is unsymmetric although no moments act on nodes; if "
@@ -194,11 +194,23 @@ def buckling_factor(
             "factors are those of semi-tangential moments, which follow half of the rotation of "
             "their nodes (symmetric part of the tangent); trace_path follows the given moments"
         )
-    factor, vectors = _solve_buckling_problem(before, after, min(n, len(after)))
-    factor = jnp.where(alike, factor, jnp.nan)
-    moved = displacement_jacobian(without_indices, index_arrays, dof_map)[: structure.n_node]
+    return found
+
+
+@functools.partial(as_program, static=("n", "n_node"))
+def _find_modes(split, before, after, pairs, n, n_node):
+    """Return the lowest `n` factors of a split state with their shapes, `Buckling`; a program.
+
+    `before` and `after` are the tangents; factors are NaN unless the arrays of each of the `pairs`
+    are equal.
+    """
+    symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
+    factor, vectors = _solve_buckling_problem(before, after, n)
+    alike = jnp.all(jnp.stack([jnp.all(jnp.equal(a, b)) for a, b in pairs] or [True]))
+    moved = tangent_and_displacements(*split)[2][:n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
-    return Buckling(factor, normalize_mode_shapes(shapes, vectors.T), ~symmetric)
+    shapes = normalize_mode_shapes(shapes, vectors.T)
+    return Buckling(jnp.where(alike, factor, jnp.nan), shapes, ~symmetric)
 
 
 def _refuse_follower_loads(restart, name):
@@ -210,19 +222,19 @@ def _refuse_follower_loads(restart, name):
         )
 
 
-def _can_be_unstressed(structure, slack):
-    """Return whether all slack elements have a known unstressed state in which they are slack.
+def _must_not_be_slack(structure, slack):
+    """Return pairs (what is slack, False) of elements without a known slack unstressed state.
 
     `slack` has a boolean array [n_elem] for each group.
 
     Raises:
         ValueError: an element is slack, and its class has no method `unstressed_state`.
     """
-    sound = jnp.ones((), bool)
+    pairs = []
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
         if not is_one_sided(group) or type(group).unstressed_state is not Element.unstressed_state:
             continue
-        sound &= ~jnp.any(own)
+        pairs.append((own, np.zeros((), bool)))
         known = checks.array_if_known(own)
         if known is not None and known.any():
             raise ValueError(
@@ -230,53 +242,51 @@ def _can_be_unstressed(structure, slack):
                 "whose unstressed state is not known (no method `unstressed_state`); give the "
                 "state before the loads to be multiplied"
             )
-    return sound
+    return pairs
 
 
-@jax.jit
+@as_program
 def _nodal_moments_act(without_indices, index_arrays):
-    """Return whether any node carries an external moment in a state; scalar bool, compiled."""
+    """Return whether any node carries an external moment in a state; scalar bool; a program."""
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
-def _same_elements_present(first, second):
-    """Return whether the same elements are present in two `RestartState`; scalar bool."""
-    same: Bool[ArrayLike, ""] = True
+def _present_elements(first, second):
+    """Return pairs of masks of present elements in two `RestartState`, where some are absent."""
+    pairs = []
     for a, b in zip(first.states, second.states, strict=True):
-        if a.present is not None or b.present is not None:
-            # None: all are present
-            there = [jnp.asarray(True if x is None else x) for x in (a.present, b.present)]
-            same &= jnp.all(there[0] == there[1])
-    return same
+        if a.present is not None or b.present is not None:  # None: all are present
+            pairs.append(
+                tuple(np.ones((), bool) if x is None else x for x in (a.present, b.present))
+            )
+    return pairs
 
 
-@jax.jit
-def _slack_elements(without_indices, index_arrays):
-    """Return which elements are slack in a state, a boolean array [n_elem] for each group."""
+@as_program
+def _tangent_and_slack(without_indices, index_arrays, dof_map):
+    """Return the tangent of a state, and which elements are slack, [n_elem] bool for each group."""
+    stiffness = tangent_matrix(without_indices, index_arrays, dof_map)
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
-    return make_system(nodes, groups, restart, None, None).slack(restart.motion)
+    return stiffness, make_system(nodes, groups, restart, None, None).slack(restart.motion)
 
 
 def _unstressed_state_with_zero_loads(without_indices, index_arrays, slack):
     """Return the `RestartState` of the structure without stress, with loads times zero.
 
-    It keeps the loads' arrays, so that one compiled program gives both tangents. Slack elements
-    remain slack; others get the distance of their initial nodes as unstressed length.
+    It keeps the loads' arrays, so that one program gives both tangents. Slack elements remain
+    slack; others get the distance of their initial nodes as unstressed length.
     """
-    bare, restart = (
-        _unstressed_state_without_loads(without_indices, index_arrays, slack),
-        without_indices[2],
-    )
-    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in restart.load_factors]
+    restart = without_indices[2]
+    bare, amounts = _unstressed_state(without_indices, index_arrays, slack)
     return copy_with(bare, loads=restart.loads, load_factors=amounts)
 
 
-@jax.jit
-def _unstressed_state_without_loads(without_indices, index_arrays, slack):
-    """Return the `RestartState` of the structure without stress and without loads; compiled."""
+@as_program
+def _unstressed_state(without_indices, index_arrays, slack):
+    """Return the `RestartState` without stress and without loads, and the loads' factors, zero."""
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     bare = initial_restart_state(nodes, groups)
     states = []
@@ -284,17 +294,16 @@ def _unstressed_state_without_loads(without_indices, index_arrays, slack):
     for group, is_slack, there in zip(groups, slack, present, strict=True):
         state = group.unstressed_state(nodes[group.links], is_slack)
         states.append(state if there is None else copy_with(state, present=there))
-    return copy_with(bare, states=states)
+    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in restart.load_factors]
+    return copy_with(bare, states=states), amounts
 
 
-@jax.jit
 def _is_positive_definite(matrix):
     """Return whether the lowest eigenvalue of a symmetric matrix is positive beyond rounding."""
     values = unbatched.eigvalsh(jax.lax.stop_gradient(matrix))
     return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
 
 
-@functools.partial(jax.jit, static_argnames=("n",))
 def _solve_buckling_problem(before, after, n):
     """Find the lowest `n` factors f at which ``K_ref + f (K_state - K_ref)`` is singular.
 

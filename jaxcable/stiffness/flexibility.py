@@ -10,13 +10,9 @@ from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
-from .tangent import (
-    compiled_tangent,
-    displacement_jacobian,
-    require_dense_memory,
-    split_solution_state,
-)
+from .tangent import require_dense_memory, split_solution_state, tangent_and_displacements
 
 _AXIS_INDEX = {"x": 0, "y": 1, "z": 2}
 # dense matrices in memory at once, measured: displacements by unknowns, tangent, scaled, factor
@@ -71,17 +67,17 @@ def flexibility(
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
     at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], _DENSE_MATRICES, "flexibility")
-    moved = displacement_jacobian(*at)
-    unit = moved[nodes][:, np.array([_AXIS_INDEX[a] for a in axes])].reshape(-1, moved.shape[2])
-    return _displacements_by_unit_forces(compiled_tangent(*at), unit)
+    return _displacements_by_unit_forces(*at, nodes, np.array([_AXIS_INDEX[a] for a in axes]))
 
 
-@jax.jit
-def _displacements_by_unit_forces(stiffness, unit):
-    """Return the displacements by unit forces, [m, m], m/N: ``unit K^-1 unit^T``.
+@as_program
+def _displacements_by_unit_forces(without_indices, index_arrays, dof_map, nodes, axes):
+    """Return the displacements of nodes along axes by unit forces, [m, m], m/N.
 
-    `unit` [m, n_free] maps the unknowns to the m displacements; `stiffness` is K.
+    They are ``unit K^-1 unit^T``, where `unit` [m, n_free] maps the unknowns to the displacements.
     """
+    stiffness, _, moved = tangent_and_displacements(without_indices, index_arrays, dof_map)
+    unit = moved[nodes][:, axes].reshape(-1, moved.shape[2])
     factor = linear.factorize(stiffness)
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
     free = jnp.any(unit != 0, axis=1)

@@ -10,23 +10,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
-    compiled_tangent,
-    displacement_jacobian,
     require_dense_memory,
     require_symmetric_elements,
     split_solution_state,
+    tangent_and_displacements,
 )
 
 # dense matrices in memory at once, measured: displacements by unknowns, eigenvectors, work space
 _DENSE_MATRICES = 10
+_normalized = as_program(normalize_mode_shapes)
 
 
 @pytree
@@ -101,18 +101,18 @@ def modes(
     require_symmetric_elements(structure, "modes")
     at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], _DENSE_MATRICES, "modes")
-    moved = np.asarray(displacement_jacobian(*at))[: structure.n_node]
-    tangent = np.asarray(compiled_tangent(*at))
+    tangent, symmetric, moved = map(np.asarray, tangent_and_displacements(*at))
+    moved = moved[: structure.n_node]
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
-    if not linear.is_symmetric(tangent):
+    if not symmetric:
         checks.warn_user(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "these are modes of its symmetric part"
         )
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
     values, vectors = values[:n], vectors[:, :n]
-    shapes = normalize_mode_shapes(np.moveaxis(moved @ vectors, -1, 0), vectors.T)
+    shapes = _normalized(np.moveaxis(moved @ vectors, -1, 0), vectors.T)
     return Modes(values, np.asarray(shapes))
 
 

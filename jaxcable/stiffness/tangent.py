@@ -8,12 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .. import linear
 from ..analysis.activation import inactive_dofs_of
 from ..analysis.solution import Solution, State
 from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
+from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
@@ -65,29 +67,37 @@ def tangent_of(
     """
     at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], 2, "tangent_of")
-    return compiled_tangent(*at)
+    return tangent_matrix(*at)
 
 
-@jax.jit
-def compiled_tangent(without_indices, index_arrays, dof_map):
-    """Return the tangent stiffness, [n_free, n_free], N/m, of a split state."""
+@as_program
+def tangent_matrix(
+    without_indices: _SplitModel, index_arrays: _IndexArrays, dof_map: DofMap
+) -> Float[Array, "n_free n_free"]:
+    """Return the tangent stiffness, [n_free, n_free], N/m, of a split state; a program."""
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.tangent(restart.motion)
 
 
-@jax.jit
-def displacement_jacobian(
+@as_program
+def tangent_and_displacements(
     without_indices: _SplitModel, index_arrays: _IndexArrays, dof_map: DofMap
-) -> Float[Array, "n_row 3 n_free"]:
-    """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free], compiled.
+) -> tuple[Float[Array, "n_free n_free"], Bool[Array, ""], Float[Array, "n_row 3 n_free"]]:
+    """Return what modes of a split state are made of; a program.
 
-    The arguments are what `split_solution_state` returns. Hinged ends of beams are rows behind the
-    nodes.
+    Args:
+        without_indices, index_arrays, dof_map: what `split_solution_state` returns.
+
+    Returns:
+        The tangent stiffness, N/m; whether it is symmetric; the derivatives of all displacements by
+        the unknowns. Hinged ends of beams are rows behind the nodes.
     """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
-    return system.displacement_jacobian(restart.motion)
+    stiffness = system.tangent(restart.motion)
+    moved = system.displacement_jacobian(restart.motion)
+    return stiffness, linear.is_symmetric(stiffness), moved
 
 
 def split_solution_state(
@@ -97,7 +107,7 @@ def split_solution_state(
     *,
     unknowns: bool = True,
 ) -> tuple[_SplitModel, _IndexArrays, DofMap]:
-    """Split the state of a solution into what compiled functions such as `compiled_tangent` take.
+    """Split the state of a solution into what programs such as `tangent_matrix` take.
 
     Args:
         structure, state, fixed: as for `tangent_of`.
@@ -153,7 +163,7 @@ def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
     """
     n = len(dof_map.free)
     memory_limit.require_memory(
-        count * n**2 * jnp.zeros(0).dtype.itemsize,
+        count * n**2 * jax.dtypes.canonicalize_dtype(float).itemsize,
         f"{what}: {count} dense matrices of {n} unknowns",
         "leave out degrees of freedom by `fixed`, or take a coarser structure",
     )

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, not_negative, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
+from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..mechanics.elementwise import evaluate_elements
@@ -25,12 +25,11 @@ from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
-    compiled_tangent,
-    displacement_jacobian,
     merge_solution_state,
     require_dense_memory,
     require_symmetric_elements,
     split_solution_state,
+    tangent_and_displacements,
 )
 
 # Smallest w^2, over a mean w^2, for which no shift is needed: a slower mode, such as a mechanism,
@@ -164,26 +163,21 @@ def natural_frequencies(
         raise ValueError(
             "masses: no element group has a weight; give weight=... in N/m, or masses=... in kg"
         )
-    stiffness = compiled_tangent(without_indices, index_arrays, dof_map)
-    symmetric = linear.is_symmetric(stiffness)
+    split = without_indices, index_arrays, dof_map
+    given = {"distribution": distribution, "n_node": structure.n_node}
+    matrices = _matrices(*split, gravity, masses, **given)
+    symmetric, has_mass = matrices[-2:]
     if checks.array_if_known(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "frequencies may be complex, and only symmetric problems are solved"
         )
-    moved = displacement_jacobian(without_indices, index_arrays, dof_map)[: structure.n_node]
-    mass = _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution=distribution)
-    if masses is not None:
-        mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
-    if not (checks.array_if_known(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
+    if checks.array_if_known(has_mass) is not None and not has_mass:
         hint = ""
         if any(isinstance(group, Sagging) for group in structure.groups):
             hint = "; catenaries have no modes within their span: use a chain of Cables"
         raise ValueError(f"masses: no node that is free to move has mass{hint}")
-    stiffness = jnp.where(symmetric, stiffness, jnp.nan)
-    found = _without_massless_modes(
-        _solve_vibration_problem(stiffness, mass, moved, min(n, len(stiffness)))
-    )
+    found = _without_massless_modes(_find_modes(matrices, n=min(n, len(matrices[0]))))
     _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found)
     return found
 
@@ -199,7 +193,10 @@ def _masses_of_nodes(structure, masses):
         return sum(one.masses_of_nodes(structure.n_node) for one in several)
     hint = "; one mass for each node, one for all, or PointMasses"
     masses = checks.floats_of_shape(masses, "masses", (), (structure.n_node,), hint=hint)
-    masses = jnp.broadcast_to(masses, structure.n_node)
+    if checks.array_if_known(masses) is None:
+        masses = jnp.broadcast_to(masses, structure.n_node)
+    else:
+        masses = np.broadcast_to(masses, structure.n_node)
     return nan_if_broken(not_negative("masses", masses))
 
 
@@ -225,19 +222,29 @@ def _warn_of_weights_without_mass(structure, state):
         )
 
 
-@functools.partial(jax.jit, static_argnames=("distribution",))
-def _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution):
-    """Assemble the mass matrix of the elements' weights, [n_free, n_free], kg; compiled."""
+@functools.partial(as_program, static=("distribution", "n_node"))
+def _matrices(without_indices, index_arrays, dof_map, gravity, masses, distribution, n_node):
+    """Assemble tangent stiffness, mass matrix and displacements by unknowns; a program.
+
+    Returns, too, whether the stiffness is symmetric, and whether anything that moves has mass.
+    `masses` are those of the nodes, kg, or None.
+    """
+    stiffness, symmetric, moved = tangent_and_displacements(without_indices, index_arrays, dof_map)
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
-    return system.mass_matrix(restart.motion, jnp.asarray(gravity, nodes.dtype), distribution)
+    gravity, moved = jnp.asarray(gravity, nodes.dtype), moved[:n_node]
+    mass = system.mass_matrix(restart.motion, gravity, distribution)
+    if masses is not None:
+        mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
+    return stiffness, mass, moved, symmetric, jnp.trace(mass) > 0
 
 
 def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found):
     """Warn if a catenary vibrates within its span more slowly than one of the modes `found`."""
-    highest = checks.array_if_known(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
-    if highest is None:
+    frequency = checks.array_if_known(found.frequency)
+    if frequency is None or not any(isinstance(group, Sagging) for group in structure.groups):
         return
+    highest = np.nanmax(np.append(frequency, -np.inf))
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
@@ -265,7 +272,14 @@ def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravit
             )
 
 
-@functools.partial(jax.jit, static_argnames=("n",))
+@functools.partial(as_program, static=("n",))
+def _find_modes(matrices, n):
+    """Return the slowest `n` modes of `_matrices`, a `Vibration`; NaN for unsymmetric stiffness."""
+    stiffness, mass, moved, symmetric, _ = matrices
+    stiffness = jnp.where(symmetric, stiffness, jnp.nan)
+    return _solve_vibration_problem(stiffness, mass, moved, n)
+
+
 def _solve_vibration_problem(stiffness, mass, moved, n):
     """Solve ``(K - w^2 M) phi = 0`` for the slowest `n` modes; return them as a `Vibration`.
 
@@ -310,4 +324,6 @@ def _without_massless_modes(found):
     if known is None:
         return found
     count = int(np.sum(~np.isposinf(known)))
-    return jax.tree.map(lambda a: a[:count], found)
+    if count == len(known):
+        return found
+    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:count]), found)

@@ -26,6 +26,7 @@ from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
 from ..common.kept_programs import keep_programs, kept_programs_folder
 from ..common.types import PyTree
+from ..evaluation.program_calls import as_program
 from .cases import Block, Cases
 from .grid import ChunkGrid
 from .store import CAUSE, STATUS, ResultStore, fill_value
@@ -178,8 +179,8 @@ class ChunkTask:
 
     @functools.cached_property
     def compute(self) -> Callable[[Block], dict[str, Any]]:
-        """The compiled function of a chunk of cases; it takes no threads beside the calling one."""
-        return jax.jit(map_over_chunk(self.function, self.grid))
+        """The program of a chunk of cases; it takes no threads beside the calling one."""
+        return as_program(map_over_chunk(self.function, self.grid))
 
     def require_same_study(self, block: Block | None) -> None:
         """Raise RuntimeError if this process has another function, or draws other cases.

@@ -75,8 +75,14 @@ def test_several_arguments_as_pytrees():
     assert np.array_equal(jc.batched(function, 2)(cases)["sum"], np.arange(5.0) + 2)
 
 
-def test_the_same_function_is_compiled_once():
-    """Whatever object of `batched` calls it; a chunk or a number of cases is another program."""
+def test_random_keys_are_cases():
+    keys = jax.random.split(jax.random.key(0), 5)
+    found = jc.batched(jax.random.normal, 2)(keys)
+    np.testing.assert_allclose(found, jax.vmap(jax.random.normal)(keys), rtol=1e-14)
+
+
+def test_the_same_function_is_traced_once():
+    """Whatever object of `batched` calls it; another number of cases at once is another program."""
     traced = []
 
     def square(x):
@@ -88,7 +94,9 @@ def test_the_same_function_is_compiled_once():
         np.testing.assert_array_equal(jc.batched(square)(cases), cases**2)
     assert len(traced) == 1
     jc.batched(square)(jnp.arange(5.0))
-    jc.batched(square, chunk=2)(cases)
+    assert len(traced) == 2
+    for many in (jnp.arange(4.0), jnp.arange(7.0)):  # chunks of two cases
+        np.testing.assert_array_equal(jc.batched(square, chunk=2)(many), many**2)
     assert len(traced) == 3
     kept = jc.batched(lambda x: 2 * x)  # nobody else has this function
     gc.collect()

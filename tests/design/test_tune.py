@@ -1,7 +1,6 @@
 """`design.tune`: prestress in any phases that makes results of any phases what they shall be."""
 
 import functools
-import importlib
 
 import jax
 import jax.numpy as jnp
@@ -125,8 +124,7 @@ def test_a_search_that_passes_forces_that_no_cable_has():
 def test_nothing_is_compiled_or_traced_again(monkeypatch):
     """Not by other numbers of structure, phases and targets, nor by the same call."""
     tune(MAST, STAGES, FORCES, [UPRIGHT])
-    fit = importlib.import_module("jaxcable.design.fit")  # beside the function of that name
-    programs = [phase_loop.analyse, recalled_derivative.change_of_solution, fit._advance_compiled]
+    programs = [phase_loop.analyse, recalled_derivative.change_of_solution]
     before = [set(run.known) for run in programs]
     monkeypatch.setattr(compilation, "_compile", None)  # what would trace, lower and compile
     other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)

@@ -83,7 +83,15 @@ UNARY = {
 REDUCED = {"float64": (11, 25), "float32": (8, 12)}
 # SciPy and XLA have other approximations of these functions; XLA flushes exp2 of large numbers
 LOOSE = {"lgamma": 1e3, "erf_inv": 500, "erfc": 200, "exp2": 300, "logistic": 16}
-LOOSE |= {"cbrt": 100, "acosh": 1e2, "asinh": 1e2, "atanh": 1e2, "tan": 16, "sinh": 1e2, "cosh": 1e2}
+LOOSE |= {
+    "cbrt": 100,
+    "acosh": 1e2,
+    "asinh": 1e2,
+    "atanh": 1e2,
+    "tan": 16,
+    "sinh": 1e2,
+    "cosh": 1e2,
+}
 
 
 @pytest.mark.parametrize("name", UNARY)

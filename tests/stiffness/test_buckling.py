@@ -416,12 +416,15 @@ def pencil(seed, stable):
     return basis @ np.diag(before) @ basis.T, basis @ np.diag(after) @ basis.T
 
 
+solve_pencil = jax.jit(buckling._solve_buckling_problem, static_argnames="n")
+
+
 @pytest.mark.parametrize("stable", [True, False])
 def test_the_lowest_of_all_roots(stable):
     """Against all roots of det K(f) = 0 by SciPy's unsymmetric pencil (QZ)."""
     for seed in range(5):
         before, after = pencil(seed, stable)
-        factor, modes = buckling._solve_buckling_problem(jnp.asarray(before), jnp.asarray(after), 3)
+        factor, modes = solve_pencil(before, after, n=3)
         roots = scipy.linalg.eig(before, before - after, right=False)
         roots = np.sort(roots[np.isfinite(roots)].real)
         wanted = roots[roots > (0.0 if stable else 1.0)][:3]
@@ -456,4 +459,4 @@ def test_derivatives_of_a_pencil(stable):
 
 def test_neither_is_stable():
     bad = -jnp.eye(8)
-    assert bool(jnp.isnan(buckling._solve_buckling_problem(bad, 2 * bad, 3)[0]).all())
+    assert bool(jnp.isnan(solve_pencil(bad, 2 * bad, n=3)[0]).all())

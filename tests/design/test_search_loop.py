@@ -1,0 +1,86 @@
+"""Searches are loops in Python where numbers are known, and loops of a program elsewhere."""
+
+import dataclasses
+import gc
+import weakref
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+import jaxcable as jc
+from jaxcable.common import status
+
+START = jnp.array([-1.2, 1.0])
+
+
+def valley(x, height):
+    """Rosenbrock's function on a plateau; beyond 0.5 in x the analysis is told to fail."""
+    value = height * (x[1] - x[0] ** 2) ** 2 + (1 - x[0]) ** 2 + 1.0
+    return value, jnp.where(x[0] > 0.5, status.MECHANISM, status.OK)
+
+
+def residuals(x, height):
+    return jnp.array([jnp.sqrt(height) * (x[1] - x[0] ** 2), 1 - x[0], 0.3 * x[1]])
+
+
+SEARCHES = {
+    "minimize": lambda **more: jc.minimize(valley, START, args=(20.0,), steps=60, **more),
+    "adam": lambda **more: jc.minimize(
+        valley, START, optimizer=optax.adam(0.1), args=(20.0,), steps=40, **more
+    ),
+    "fit": lambda **more: jc.fit(residuals, START, args=(20.0,), **more),
+}
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_both_loops_find_the_same(name):
+    """Same points to rounding, reports of the same numbers."""
+    search, own, inside = SEARCHES[name], [], []
+    found = search(progress=own.append)
+    one = jax.block_until_ready(jax.jit(lambda: search(progress=inside.append))())
+    jax.effects_barrier()
+    for a, b in zip(*map(jax.tree.leaves, (found, one)), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-9)
+    assert [news.number for news in own] == list(range(int(found.steps) + 1))
+    assert len(own) == len(inside) > 3
+    inside.sort(key=lambda news: news.number)  # callbacks come in any order
+    for a, b in zip(own, inside, strict=True):
+        for field, value in dataclasses.asdict(a).items():
+            assert getattr(b, field) == pytest.approx(value, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_an_interrupt_ends_the_search(name):
+    def interrupt(news):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        SEARCHES[name](progress=interrupt)
+
+
+def test_functions_are_not_kept_alive():
+    def make():
+        wanted = jnp.array([0.0, 2.0])
+        return lambda p: p - wanted
+
+    function = make()
+    jc.fit(function, START)
+    gone = weakref.ref(function)
+    del function
+    gc.collect()
+    assert gone() is None
+
+
+def test_what_a_function_captures_may_be_traced():
+    """A derivative or a batch outside of jit: the search is a part of what jax does."""
+
+    def nearest(wanted):
+        return jc.fit(lambda x: x - wanted, START).params
+
+    several = jnp.array([[1.0, 2.0], [3.0, -1.0]])
+    np.testing.assert_allclose(jax.vmap(nearest)(several), several, atol=1e-9)
+    with pytest.raises(ValueError, match="no derivative"):
+        jax.jacfwd(nearest)(several[0])
