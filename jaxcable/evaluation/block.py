@@ -33,7 +33,7 @@ class Value(NamedTuple):
 
     name: str
     shape: tuple[int, ...] | None
-    dtype: Any
+    dtype: np.dtype[Any] | None
     held: tuple[int, ...] | None
     depth: int
 

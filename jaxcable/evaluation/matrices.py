@@ -27,30 +27,35 @@ def _dot_general(block, equation, inputs):
         right = "{1}" if of_b[0] == 0 else "{1}.T"
         text = f"{left}.dot({right})"
     else:
-        numbers = tuple(map(tuple, (of_a, of_b, batch_a, batch_b)))
-        text = f"{block.names.helper(_make_product, numbers, a.shape, b.shape)}({{0}},{{1}})"
+        text = _stacked_product(a.shape, b.shape, shape, equation.params["dimension_numbers"])
     if a.dtype != dtype or b.dtype != dtype:
         text = f"({text}).astype('{dtype}')"
     return [block.write(text, [a, b], shape, dtype)]
 
 
-def _make_product(numbers, shape_a, shape_b):
-    """Return the function that multiplies two arrays as `lax.dot_general` does."""
-    of_a, of_b, batch_a, batch_b = numbers
+def _stacked_product(shape_a, shape_b, shape, numbers):
+    """Return the expression of a product of arrays as one of two stacks of matrices."""
+    (of_a, of_b), (batch_a, batch_b) = numbers
     free_a = [k for k in range(len(shape_a)) if k not in (*of_a, *batch_a)]
     free_b = [k for k in range(len(shape_b)) if k not in (*of_b, *batch_b)]
     batch = [shape_a[k] for k in batch_a]
-    rows, columns = [shape_a[k] for k in free_a], [shape_b[k] for k in free_b]
     inner = math.prod(shape_a[k] for k in of_a)
-    order_a, order_b = (*batch_a, *free_a, *of_a), (*batch_b, *of_b, *free_b)
-    flat_a, flat_b = (*batch, math.prod(rows), inner), (*batch, inner, math.prod(columns))
-    result = (*batch, *rows, *columns)
+    rows, columns = (
+        math.prod(own[k] for k in free) for own, free in ((shape_a, free_a), (shape_b, free_b))
+    )
 
-    def product(a, b):
-        a, b = np.transpose(a, order_a).reshape(flat_a), np.transpose(b, order_b).reshape(flat_b)
-        return np.matmul(a, b).reshape(result)[()]
+    def matrices(text, own, order, sizes):
+        ordered = tuple(own[k] for k in order)
+        if list(order) != sorted(order):
+            text += f".transpose({tuple(order)})"
+        return text if ordered == sizes else f"{text}.reshape({sizes})"
 
-    return product
+    left = matrices("{0}", shape_a, (*batch_a, *free_a, *of_a), (*batch, rows, inner))
+    right = matrices("{1}", shape_b, (*batch_b, *of_b, *free_b), (*batch, inner, columns))
+    text = f"np.matmul({left},{right})"
+    if shape == ():
+        return text + "[...,0,0]"
+    return text if shape == (*batch, rows, columns) else f"{text}.reshape({shape})"
 
 
 def _for_each(function, n_core):

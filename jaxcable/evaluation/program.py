@@ -55,7 +55,7 @@ class Program:
 
     @functools.cached_property
     def traced(self) -> Any:
-        """The function as jax has traced it (`jax.stages.Traced`)."""
+        """The function as jax has traced it (of `jax.stages`)."""
         with self._lock, without_garbage_collection():
             sizes = [math.prod(x.shape) for x in self._avals if x.dtype.kind == "f"]
             quick = max(sizes, default=0) <= _QUICK_ENTRIES

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import threading
+import weakref
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
@@ -45,9 +46,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         every leaf of the arguments, or None for leaves that all cases share.
     """
     plain = jax.jit(function, static_argnames=static)
-    known: OrderedDict[Any, Program] = OrderedDict()
-    lock = threading.Lock()
-    on_forget_programs(known.clear)
+    known = _KnownPrograms()
 
     @functools.wraps(function)
     def run(*arguments, axes=None, **options):
@@ -66,21 +65,42 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
                 return jax.vmap(own, axes)(*leaves)
         signature = tuple(map(_signature, leaves))
         key = tree, signature, tuple(options.items()), axes, program_settings()
-        with lock:
-            program = known.pop(key, None)
-            if program is None:
-                program = _make_program(own, leaves, axes)
-            known[key] = program  # as the last one
-            while len(known) > MOST_PROGRAMS:
-                known.popitem(last=False)
+        program = known.find(key, lambda: _make_program(own, leaves, axes))
         if any(isinstance(x, jax.core.Tracer) for x in leaves):
             found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
         else:
             found = program.run(leaves)
         return program.tree.unflatten(found)
 
-    run.known = known
+    run.known = known.programs
     return run
+
+
+class _KnownPrograms:
+    """The last `MOST_PROGRAMS` programs of a function, by key."""
+
+    every: weakref.WeakSet[_KnownPrograms] = weakref.WeakSet()
+
+    def __init__(self):
+        self.programs: OrderedDict[Any, Program] = OrderedDict()
+        self.lock = threading.Lock()
+        self.every.add(self)
+
+    def find(self, key, make):
+        """Return the program of a key, made by `make` if it is not known."""
+        with self.lock:
+            program = self.programs.pop(key, None) or make()
+            self.programs[key] = program  # as the last one
+            while len(self.programs) > MOST_PROGRAMS:
+                self.programs.popitem(last=False)
+        return program
+
+
+@on_forget_programs
+def _forget():
+    """Forget the programs of all functions."""
+    for known in list(_KnownPrograms.every):
+        known.programs.clear()
 
 
 def _make_program(function, leaves, axes):
