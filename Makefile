@@ -64,14 +64,14 @@ study-%: $(VENV)/installed-test
 
 # write the notebooks, with their outputs, from their text sources
 notebooks: $(VENV)/installed-notebooks
-	cd notebooks && JAXCABLE_PROGRESS=0 OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
+	cd notebooks && OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
 
 notebooks-test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m "slow or not slow" tests/project/test_notebooks.py
 
 # the site: build/site/index.html
 site: $(VENV)/installed-site
-	JAXCABLE_PROGRESS=0 $(BIN)/python docs/sources.py build/site-sources
+	$(BIN)/python docs/sources.py build/site-sources
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet build/site-sources build/site
 
 # every page of it in a browser

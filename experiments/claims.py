@@ -300,39 +300,7 @@ def first_call_ratios():
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
 
 
-# --- similar_sizes.txt
-
-
-def similar_sizes():
-    """First and further calls of nets, ms; programs of increments; calls after warm; run ratios."""
-    text = (RESULTS / "similar_sizes.txt").read_text()
-    nets = re.search(r"^ten nets.*?69 cables +(\d+) +([\d.]+)", text, re.M).groups()
-    programs = re.search(r"^1 to 40 increments.*programs: (\d+)", text, re.M)[1]
-    warmed = re.findall(r"^(?:nets|masts) +(\d+) +\d+   compiled: (\d+)", text, re.M)
-    ratios = re.findall(r"^\w+ +[\d.]+ +[\d.]+ +([\d.]+)$", text, re.M)
-    return (*nets, programs, warmed[0][0], warmed[1][0], warmed[0][1], min(ratios), max(ratios))
-
-
-# --- kept_programs_first.txt, many_cases.txt
-
-SHOWN = (
-    *("hypar", "Geiger dome", "guyed mast"),
-    *("1 200 unknowns, CHOLMOD", "7 500 unknowns, CHOLMOD", "7 500 unknowns, PARDISO"),
-)
-
-
-def kept_programs():
-    """Seconds of first calls by scene: plain once and again, jitted once and again."""
-    text = (RESULTS / "kept_programs_first.txt").read_text()
-    number = r" +([\d.]+)"
-    rows = re.findall(rf"^(\S.{{25}}){number}{number} \(.+?\){number}{number} \(", text, re.M)
-    return {name.strip(): [float(cell) for cell in cells] for name, *cells in rows}
-
-
-def kept_row(k):
-    """A row of the table of first calls."""
-    return lambda: tuple(f"{kept_programs()[name][k]:.1f}" for name in SHOWN)
-
+# --- many_cases.txt
 
 MANY_CASES = read(
     "many_cases",
@@ -516,25 +484,7 @@ CLAIMS = [
         Claim(SPEED, rf"\| {scene} \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", first_calls_of(scene))
         for scene in ("flat net", "guyed mast", "bridge in stages")
     ),
-    Claim(
-        SPEED,
-        r"next process the first call takes ([\d.]+) to ([\d.]+) s",
-        lambda: span([row[1] for row in kept_programs().values()], "{:.1f}"),
-    ),
     Claim(SPEED, r"`jax.jit` cost (\d+) to (\d+) % of an analysis more", gradient_share),
-    Claim(
-        STUDIES,
-        r"69 cables the first call takes (\d+) ms, calls that compile\s+nothing ([\d.]+) ms "
-        r"\(median\); analyses with 1 to 40 increments need (\d+) programs[^|]*? seen take "
-        r"(\d+) ms \(nets\) and (\d+) ms \(masts\)[^|]*?prepared: (\d+) programs[^|]*?take "
-        r"([\d.]+) to ([\d.]+) times as long",
-        similar_sizes,
-    ),
-    Claim(
-        "README.md",
-        r"next process the first call takes\s+([\d.]+) to ([\d.]+) s",
-        lambda: span([row[1] for row in kept_programs().values()], "{:.1f}"),
-    ),
     Claim("README.md", r"jaxcable is ([\d.]+) to ([\d.]+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+)\s+to (\d+) times on single nets", ahead_of_opensees),
     Claim("README.md", r"costs (\d+) to (\d+) % of an analysis more", gradient_share),
@@ -648,17 +598,6 @@ CLAIMS = [
             large_nets(lambda row: ratio(row[4]), name.lower()),
         )
         for name in ("CHOLMOD", "SuperLU")
-    ),
-    *(
-        Claim(STUDIES, start + r" \| (.+?)" * 6 + r" \|$", kept_row(k))
-        for k, start in enumerate(
-            (
-                r"^\| `jc.solve`, once",
-                r"`jc.solve`, once.+\n\| in the next process",
-                r"^\| inside of `jax.jit`, once",
-                r"`jax.jit`, once.+\n\| in the next process",
-            )
-        )
     ),
     Claim(
         STUDIES,

@@ -61,7 +61,6 @@ def run(words, folder):
     """Run a command in a folder without this checkout's settings; return output and seconds."""
     dropped = "PYTHONPATH", "JAX_COMPILATION_CACHE_DIR", "VIRTUAL_ENV"
     environment = {name: value for name, value in os.environ.items() if name not in dropped}
-    environment["JAXCABLE_PROGRAMS"] = str(folder / "programs")
     begin = time.perf_counter()
     done = subprocess.run(
         [str(word) for word in words],

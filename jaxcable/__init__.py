@@ -45,7 +45,7 @@ from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
 from .common.compilation import forget_programs
 from .common.fusion import fuse_loops
-from .common.program_store import keep_programs
+from .common.kept_programs import keep_programs
 from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace
@@ -62,6 +62,7 @@ from .elements import (
 )
 from .equilibrium.incremental import Incremental
 from .equilibrium.newton import Newton
+from .evaluation.decision import evaluation
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
 from .loads import (
@@ -137,6 +138,7 @@ __all__ = [
     "describe",
     "design",
     "energy_balance",
+    "evaluation",
     "extend",
     "fibre_stress",
     "files",

@@ -13,7 +13,6 @@ the first optional:
                   "pretension" (deflection of the middle of a saddle)
     repeats       warm calls of each kind by turns; default 0
     solver, tol   of `Newton`
-    keep          folder of `jaxcable.keep_programs`
     pieces        whether to time assembly and the bare linear solver
     cases, chunk, devices         of a batch of random loads, the devices made of one processor
     platform, dtype               "cpu" or "gpu"; "float64" (default) or "float32"
@@ -39,7 +38,7 @@ from pathlib import Path
 import numpy as np
 
 DEFAULTS = {"load": None, "kinds": ["jitted"], "of": "nodes", "repeats": 0, "solver": None}
-DEFAULTS |= {"tol": None, "keep": None, "pieces": False, "cases": None, "chunk": None, "devices": 1}
+DEFAULTS |= {"tol": None, "pieces": False, "cases": None, "chunk": None, "devices": 1}
 DEFAULTS |= {"platform": None, "dtype": "float64"}
 
 
@@ -58,8 +57,6 @@ def started(case):
 
     if "fused" in case["scene"].split():
         jc.fuse_loops()
-    if case["keep"]:
-        jc.keep_programs(case["keep"])
     jax.block_until_ready(jax.numpy.zeros(3) + 1.0)
 
 

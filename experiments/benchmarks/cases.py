@@ -12,8 +12,6 @@ class Cases(NamedTuple):
         batches: load cases of a net of 48 unknowns, plain and with fused loops.
         hard: free nodes on a side of the net with slack cables.
         first_calls: scenes whose first call is measured, by the name in the table.
-        kept: scenes and solvers whose programs are kept on disk, likewise.
-        again: processes that find them there.
         nets: nets of different shape that one process analyses.
         gradients: free nodes on a side, and pairs of calls.
         increments: of the loading phase of a gradient.
@@ -27,7 +25,6 @@ class Cases(NamedTuple):
         whole: whether all commands and programs of `commands` run.
         waiting: calls of each program, and of the control.
         frames: load cases of a frame, and calls of each way to solve them.
-        similar: nodes on a side of saddles, most increments, size that is compiled in advance.
         installs: interpreters of Python into which the wheel is installed.
         gpu: sizes of batches, of dense and of sparse nets.
     """
@@ -37,8 +34,6 @@ class Cases(NamedTuple):
     batches: tuple
     hard: int
     first_calls: dict
-    kept: dict
-    again: int
     nets: int
     gradients: dict
     increments: tuple
@@ -53,7 +48,6 @@ class Cases(NamedTuple):
     whole: bool
     waiting: tuple
     frames: tuple
-    similar: tuple
     installs: int
     gpu: tuple
 
@@ -79,18 +73,6 @@ FULL = Cases(
         "flat net, 8 phases": "phases 8",
         "flat net, 32 phases": "phases 32",
     },
-    kept={
-        "hypar": ("hypar_net", None),
-        "Geiger dome": ("geiger_dome", None),
-        "guyed mast": ("guyed_mast", None),
-        "48 unknowns": ("saddle 4", None),
-        "48 unknowns, fused loops": ("saddle 4 fused", None),
-        "1 200 unknowns, PARDISO": ("saddle 20", "pardiso"),
-        "1 200 unknowns, CHOLMOD": ("saddle 20", "cholmod"),
-        "7 500 unknowns, PARDISO": ("saddle 50", "pardiso"),
-        "7 500 unknowns, CHOLMOD": ("saddle 50", "cholmod"),
-    },
-    again=5,
     nets=500,
     gradients={2: 201, 10: 61, 20: 61},
     increments=(1, 10, 100),
@@ -105,7 +87,6 @@ FULL = Cases(
     whole=True,
     waiting=(50, 500),
     frames=(1000, 3),
-    similar=((4, 6, 8, 11, 16, 22), 40, "medium"),
     installs=9,
     gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
 )
@@ -115,8 +96,6 @@ QUICK = Cases(
     batches=(10,),
     hard=4,
     first_calls={"flat net": "flat_net"},
-    kept={"48 unknowns": ("saddle 4", None)},
-    again=1,
     nets=2,
     gradients={2: 3},
     increments=(1,),
@@ -131,7 +110,6 @@ QUICK = Cases(
     whole=False,
     waiting=(1, 2),
     frames=(10, 2),
-    similar=((2, 3), 2, "small"),
     installs=0,
     gpu=((10,), (4,), ()),
 )

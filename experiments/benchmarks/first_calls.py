@@ -1,18 +1,14 @@
-"""How long does the first call of an analysis take, without and with programs kept on disk?
+"""How long does the first call of an analysis take, and how much memory do its programs need?
 
 Question   first_call: seconds to trace, to lower and to compile, and lines of StableHLO, of the
            analysis of ready scenes, by itself and as value with gradient, and with the number of
            phases; and first calls with another version of jax, if the environment variable
-           OTHER_JAX_PYTHON names an interpreter that has one. kept_programs_first: seconds of the
-           first call of `solve` in a new process, with nothing on disk, and with programs kept
-           there by an earlier process (`jc.keep_programs`); the same inside of `jax.jit`, where
-           the analysis is traced and only its compilation is kept. kept_programs_many: memory of
-           a process that analyses 500 nets of different shape.
+           OTHER_JAX_PYTHON names an interpreter that has one. kept_programs: memory of a process
+           that analyses 500 nets of different shape.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
-Error      None: the results are those of the tests; those from disk are equal to the last bit
-           (`tests/common/test_keeping.py`). Lines do not depend on the machine.
-Results    first_call.txt and .json; kept_programs_first.txt; kept_programs_many.txt
+Error      None: the results are those of the tests. Lines do not depend on the machine.
+Results    first_call.txt and .json; kept_programs_many.txt
 
 Every first call runs in a separate process, and the import does not count. The unit is the mean of
 measurements before and after each scene, since the speed of the machine varies. "plain" is a
@@ -28,12 +24,11 @@ import json
 import os
 import re
 import statistics
-import tempfile
 from pathlib import Path
 
 import record
 
-from .measure import analysis, bare, extent
+from .measure import analysis, bare
 
 KINDS = "plain", "jitted", "gradient", "after"
 
@@ -114,33 +109,6 @@ def say_versions(say, rows):
         say(f"{label:22}{cells[0]} |{cells[1]} |{over[0]:6.2f}{over[1]:7.2f}")
 
 
-def kept_programs(cases, parts):
-    for part in parts or ("first", "many"):
-        {"first": kept_first, "many": kept_many}[part](cases)
-
-
-def kept_first(cases):
-    say, units = record.Record("kept_programs_first"), [bare()]
-    say("\nFirst calls, s, without the import. plain: jc.solve; jitted: inside of jax.jit. Again:")
-    say(f"median, least and largest of {cases.again} processes that find the programs on disk\n")
-    say(f"{'':26}{'plain, once':>12}{'again, from disk':>22}{'jitted, once':>15}{'again':>22}")
-    for label, (scene, solver) in cases.kept.items():
-        cells = []
-        for kind in KINDS[:2]:
-            with tempfile.TemporaryDirectory() as folder:
-                case = {"scene": scene, "solver": solver, "kinds": [kind], "keep": folder}
-                if scene.startswith("saddle"):
-                    case["load"] = 5000 / (int(scene.split()[1]) + 1)
-                runs = [analysis(case) for _ in range(1 + cases.again)]
-            assert all(run["status"] == 0 for run in runs), label
-            once, *again = (run[kind]["first_s"] for run in runs)
-            cells += [f"{once:.2f}", extent(again)]
-        say(f"{label:26}{cells[0]:>12}{cells[1]:>22}{cells[2]:>15}{cells[3]:>22}")
-        units.append(bare())
-    say(f"\nY, s: {extent(units)}")
-    say.close()
-
-
 def resident():
     """Memory of this process, MB, and number of its memory maps."""
     size = re.search(
@@ -149,7 +117,7 @@ def resident():
     return int(size) / 1e3, len(Path("/proc/self/maps").read_text(encoding="utf-8").splitlines())
 
 
-def kept_many(cases):
+def kept_programs(cases, _):
     import jax
 
     import jaxcable as jc

@@ -148,12 +148,6 @@ def _has_derivative(leaf):
     return isinstance(leaf, jax.core.Tracer) or jnp.issubdtype(jnp.result_type(leaf), jnp.floating)
 
 
-def with_guessed_lengths(structure: Structure, phases: Sequence[Phase]) -> list[Phase]:
-    """Return phases of the shapes that `with_lengths_as_built` gives, with other numbers."""
-    stated = stated_as_built(structure, phases)
-    return _with_strains(structure, phases, stated, _guess(structure, stated))
-
-
 # --- lengths
 
 

@@ -10,11 +10,11 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..evaluation.program_calls import as_program
 from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
@@ -36,7 +36,7 @@ def analyse(without_indices, arrays, method, code, differentiate_path, listen, b
         without_indices, arrays, method, code, bundles: as in `PreparedAnalysis`.
         differentiate_path: as in `solve`.
         listen: function that is called after each increment, or None.
-        alone: whether no other program contains this one (set by `jit_program`).
+        alone: whether no other program contains this one (set by `as_program`).
 
     Returns:
         `Solution`, whose results of elements are lists over groups, and `ConvergedPoints`.
@@ -105,8 +105,6 @@ def _scan_phases(
         after = _LoopState(
             *(code, done.stable, copy_with(restart, loads=None), done.factored, reached, seen)
         )
-        if schedule.given_steps is not None:  # a phase that is padding does nothing
-            after = select_tree(steps[0] > 0, after, run)
         return after, (end, code, begin, path, done.log, done.points)
 
     evaluates = isinstance(method, Newton) and points is None

@@ -14,9 +14,9 @@ from ..common.fusion import are_loops_fused
 from ..common.rules import are_rules_kept, collect_rules
 from ..common.tree import cast_floats, computed_once, copy_with, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Sagging, TensionElement
+from ..elements.abilities import Sagging
 from ..elements.element import Element
-from ..elements.element_state import OwnState, with_fields
+from ..elements.element_state import OwnState
 from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -64,7 +64,6 @@ class PreparedAnalysis(NamedTuple):
         fixed: degrees of freedom held before the first phase and in each phase, `FixedDofs`.
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
-        may_go_without_fallbacks: whether the iteration has fallbacks that few structures need.
         n_unknown: number of unknowns.
         warns_if_unstable: whether a state can be unstable and an indefinite tangent proves it. Not
             where the energy is convex (`System.always_convex`): the tangent is never indefinite.
@@ -79,7 +78,6 @@ class PreparedAnalysis(NamedTuple):
     fixed: tuple[FixedDofs, ...]
     loads: list[LoadStack]
     bundles: Bundles
-    may_go_without_fallbacks: bool
     n_unknown: int
     warns_if_unstable: bool
 
@@ -165,10 +163,9 @@ def prepare(
     )
     without_indices, arrays = split_indices((nodes, bundled, restart, schedule))
     warns = _can_prove_instability(bundled, restart, everything, without_amplitudes(nodal))
-    count = len(dof_map.free)
     return PreparedAnalysis(
         *(without_indices, arrays, method, code, tuple(sets), everything),
-        *(bundles, isinstance(method, Newton) and _has_fallbacks(bundled, convex), count, warns),
+        *(bundles, len(dof_map.free), warns),
     )
 
 
@@ -252,17 +249,6 @@ def _can_prove_instability(groups, restart, stacks, nodal):
     return not (moments_before or following or moments)
 
 
-def _has_fallbacks(groups, convex):
-    """Return whether tensions of cables may be unknowns: in nets, and beside other elements.
-
-    Nets with softening laws are iterated twice, see `newton`, and are not among them.
-    """
-    cables = [isinstance(group, TensionElement) for group in groups]
-    pairs = zip(cables, groups, strict=True)
-    some = any(cable and group.monotone and group.symmetric for cable, group in pairs)
-    return convex or (some and not all(cables))
-
-
 def _is_always_convex(groups, stacks):
     """Return whether all elements are cables, and no load slides or follows (convex energy)."""
     tension_only = all(g.tension_only and g.monotone and g.symmetric for g in groups)
@@ -290,15 +276,10 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:
-        restart = copy_with(restart, states=join_states(groups, bundles, restart.states))
+        restart = copy_with(restart, states=_join_states(groups, bundles, restart.states))
     if schedule.present_at_start is not None:
         parts = zip(groups, restart.states, schedule.present_at_start, strict=True)
-        states = [
-            with_fields(state, present=jnp.asarray(first))  # padding, which never comes
-            if schedule.present is None
-            else group.with_activation(state, jnp.asarray(first))
-            for group, state, first in parts
-        ]
+        states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
         restart = copy_with(restart, states=states)
     if restart.support_rotation is None and schedule.dof_map.axes is not None:
         restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
@@ -317,7 +298,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     return nodes, groups, restart, schedule
 
 
-def join_states(
+def _join_states(
     groups: Sequence[Element], bundles: Bundles, states: Sequence[OwnState]
 ) -> list[OwnState]:
     """Join element states to bundles, with a `thermal_stretch` where the elements expand.

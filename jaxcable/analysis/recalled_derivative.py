@@ -2,13 +2,11 @@
 
 Where `jax.grad` and its like see the numbers of an analysis, it is solved first, by the program
 that `solve` has without derivatives. The derivative of its converged points is another program,
-much smaller than one that iterates once more, for the results that are asked for
-(`derivative_programs`). Within `jax.jit` there is one program, as before.
+much smaller than one that iterates once more, for the results that are asked for. Within `jax.jit`
+there is one program.
 
 As roots (`numerics.implicit_root`), solutions are results of a primitive of jax, and so are their
-changes and the cotangents of their arguments: any order and mode of derivatives works. Those of
-known arrays run by programs of common sizes; what is traced, such as the first of two derivatives,
-has the exact sizes.
+changes and the cotangents of their arguments: any order and mode of derivatives works.
 """
 
 from __future__ import annotations
@@ -23,17 +21,64 @@ import numpy as np
 from jax import lax
 
 from ..common import jax_internals as internals
-from ..common.compilation import is_top_level_call
 from ..common.types import Array, PyTree
-from .derivative_programs import Recalled, run_adjoint, run_change, trace_adjoint, trace_change
+from ..evaluation.program_calls import as_program
+from ..mechanics.bundles import Bundles
 from .one_phase import ConvergedPoints
+from .phase_loop import recall_solution
+from .preparation import PreparedAnalysis
 from .solution import Solution
 
 
-def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
-    """Return the arguments of an analysis without derivatives, if they are known; else None.
+@functools.partial(as_program, static=("bundles", "moving", "wanted"))
+def change_of_solution(core, points, changes, bundles, moving, wanted):
+    """Return the changes of results of an analysis for changes of its arguments.
 
-    They are known where a derivative is taken outside of `jit`; else None is returned.
+    Args:
+        core: arguments of `phase_loop.analyse`.
+        points: its `ConvergedPoints`.
+        changes: changes of the arguments `moving`, a list of arrays.
+        bundles: as for `analyse`.
+        moving, wanted: indices of arguments (among the leaves of `core`) and of results (among
+            those of the solution), all floats.
+
+    Returns:
+        The changes of the results `wanted`, a list of arrays.
+    """
+    results, at = _results_of(core, points, bundles, moving, wanted)
+    return jax.jvp(results, (at,), (list(changes),))[1]
+
+
+@functools.partial(as_program, static=("bundles", "moving", "wanted"))
+def adjoint_of_solution(core, points, cotangents, bundles, moving, wanted):
+    """Return the cotangents of the arguments `moving` for those of the results `wanted`.
+
+    Args:
+        core, points, bundles, moving, wanted: as for `change_of_solution`.
+        cotangents: cotangents of the results `wanted`, a list of arrays.
+    """
+    results, at = _results_of(core, points, bundles, moving, wanted)
+    return jax.vjp(results, at)[1](list(cotangents))[0]
+
+
+def _results_of(core, points, bundles, moving, wanted):
+    """Return the results `wanted` as a function of the arguments `moving`, and these arguments."""
+    leaves, tree = jax.tree.flatten(core)
+
+    def results(values):
+        at = list(leaves)
+        for k, value in zip(moving, values, strict=True):
+            at[k] = value
+        found = jax.tree.leaves(recall_solution(*tree.unflatten(at), points, bundles))
+        return [found[k] for k in wanted]
+
+    return results, [leaves[k] for k in moving]
+
+
+def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
+    """Return the arguments of an analysis without derivatives; None if they are not known.
+
+    They are known where a derivative is taken outside of `jit`.
     """
     if None in (_SOLUTION, _CHANGE, _ADJOINT) or not internals.is_differentiating():
         return None
@@ -52,20 +97,20 @@ def without_derivatives(core: PyTree[Any]) -> PyTree[Any]:
 
 
 def attach_recalled_derivative(
-    solution: Solution, core: PyTree[Any], points: ConvergedPoints, recalled: Recalled
+    solution: Solution, core: PyTree[Any], points: ConvergedPoints, task: PreparedAnalysis
 ) -> Solution:
     """Return a known solution with its derivatives by the arguments of the analysis.
 
     Args:
         solution: `Solution` of the compiled core.
         core: arguments of the compiled core that are differentiated, of which it was computed.
-        points: `ConvergedPoints` of the analysis, padded if it was padded.
-        recalled: `Recalled`.
+        points: `ConvergedPoints` of the analysis.
+        task: the analysis.
     """
     shape: Any
     values, shape = jax.tree.flatten(solution)
     leaves, tree = jax.tree.flatten(core)
-    settings = _Settings(tree, recalled, len(values), len(leaves))
+    settings = _Settings(tree, task.bundles, len(values), len(leaves))
     # not `jnp.asarray`: each shape would be compiled while derivatives are taken
     arrays = [x if hasattr(x, "dtype") else np.asarray(x) for x in (*values, *leaves, *points)]
     return shape.unflatten(_SOLUTION.bind(*arrays, settings=settings))
@@ -76,12 +121,12 @@ class _Settings(NamedTuple):
 
     Attributes:
         tree: tree of the arguments of the compiled core (`jax.tree.structure`).
-        recalled: `Recalled`.
+        bundles: as in `PreparedAnalysis`.
         n_value, n_leaf: numbers of leaves of the solution, and of these arguments.
     """
 
     tree: Hashable
-    recalled: Recalled
+    bundles: Bundles
     n_value: int
     n_leaf: int
 
@@ -117,28 +162,21 @@ def _solution_jvp(primals, tangents, *, settings):
     return found, out
 
 
-def _evaluate_change(*arrays, settings, moving, wanted, shapes):
-    """Return the changes of the results `wanted`; the last arrays are the changes of arguments."""
-    count = len(arrays) - len(moving)
-    core, points = settings.core_and_points(arrays[:count])
-    given = core, points, list(arrays[count:])
-    if is_top_level_call(arrays):
-        return run_change(settings.recalled, *given, moving, wanted)
-    return trace_change(settings.recalled, *given, moving, wanted)
+def _evaluate(program, arrays, count, settings, moving, wanted, axes=None):
+    """Run one of the programs above, for values that are the last `count` of the arrays.
 
-
-def _along_first_axis(arrays, axes):
-    """Return arrays of NumPy with the axis of a batch as the first, and the size of the batch.
-
-    `axes` are the axes in `arrays`, None for those that are the same in all of the batch.
+    `axes` are those of a batch of all arrays, a list, or None.
     """
-    pairs = [(np.asarray(x), axis) for x, axis in zip(arrays, axes, strict=True)]
-    number = next(x.shape[axis] for x, axis in pairs if axis is not None)
-    moved = [
-        np.broadcast_to(x, (number, *x.shape)) if axis is None else np.moveaxis(x, axis, 0)
-        for x, axis in pairs
-    ]
-    return moved, number
+    first = len(arrays) - count
+    core, points = settings.core_and_points(arrays[:first])
+    given = {"bundles": settings.bundles, "moving": moving, "wanted": wanted}
+    axes = None if axes is None else tuple(axes)
+    return program(core, points, list(arrays[first:]), axes=axes, **given)
+
+
+def _evaluate_change(*arrays, settings, moving, wanted, shapes, axes=None):
+    """Return the changes of the results `wanted`; the last arrays are the changes of arguments."""
+    return _evaluate(change_of_solution, arrays, len(moving), settings, moving, wanted, axes)
 
 
 def _shapes_of_change(*_, shapes, **__):
@@ -168,14 +206,9 @@ def _change_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
     return [None] * count + list(pulled)
 
 
-def _evaluate_adjoint(*arrays, settings, moving, wanted, shapes):
+def _evaluate_adjoint(*arrays, settings, moving, wanted, shapes, axes=None):
     """Return the cotangents of the arguments `moving`; the last arrays are those of results."""
-    count = len(arrays) - len(wanted)
-    core, points = settings.core_and_points(arrays[:count])
-    given = core, points, list(arrays[count:])
-    if is_top_level_call(arrays):
-        return run_adjoint(settings.recalled, *given, moving, wanted)
-    return trace_adjoint(settings.recalled, *given, moving, wanted)
+    return _evaluate(adjoint_of_solution, arrays, len(wanted), settings, moving, wanted, axes)
 
 
 def _shapes_of_adjoint(*arrays, moving, **__):
@@ -228,24 +261,13 @@ def _batch_solution(arrays, axes, *, settings):
 
 def _batch_change(arrays, axes, **given):
     """Map `_CHANGE` over a batch, such as one of directions."""
-    return _batch(_evaluate_change, run_change, arrays, axes, len(given["moving"]), given)
+    found = _evaluate_change(*arrays, axes=axes, **given)
+    return found, [0] * len(found)
 
 
 def _batch_adjoint(arrays, axes, **given):
     """Map `_ADJOINT` over a batch of cotangents."""
-    return _batch(_evaluate_adjoint, run_adjoint, arrays, axes, len(given["wanted"]), given)
-
-
-def _batch(evaluate, run, arrays, axes, n_value, given):
-    """Map a primitive over a batch: by a program of its own if only the last `n_value` vary."""
-    count, settings = len(arrays) - n_value, given["settings"]
-    if is_top_level_call(arrays) and all(axis is None for axis in axes[:count]):
-        values, number = _along_first_axis(arrays[count:], axes[count:])
-        core, points = settings.core_and_points(arrays[:count])
-        sets = given["moving"], given["wanted"]
-        found = run(settings.recalled, core, points, values, *sets, number)
-    else:
-        found = jax.vmap(functools.partial(evaluate, **given), axes)(*arrays)
+    found = _evaluate_adjoint(*arrays, axes=axes, **given)
     return found, [0] * len(found)
 
 

@@ -42,12 +42,10 @@ class Schedule:
         present: elements that are there in every phase, per group [n_phase, n_elem] bool; None if
             no element ever comes or goes.
         present_at_start: those that are there before the first phase, per group [n_elem] bool, or
-            None. Where `present` is None, the others are padding (`common_sizes`).
+            None.
         attached: whether newly active nodes move rigidly with active ones, [n_phase] bool; None if
             they do so in no phase.
         is_consistent: `Activation.is_consistent`.
-        given_steps: number of increments, [n_phase], and load factors, [n_phase, 1 + n_inc], as
-            arrays, where `increments` are only upper bounds; None: they follow from `increments`.
     """
 
     number: Int[ArrayLike, " n_phase"]
@@ -64,22 +62,18 @@ class Schedule:
     present_at_start: list[Bool[ArrayLike, " n_elem"]] | None = None
     attached: Bool[ArrayLike, " n_phase"] | None = None
     is_consistent: Bool[ArrayLike, " n_phase"] | None = None
-    given_steps: tuple[Int[ArrayLike, " n_phase"], Float[ArrayLike, "n_phase 1+n_inc"]] | None = (
-        None
-    )
 
     def __len__(self) -> int:
         return len(self.increments)
 
     @property
-    def steps(self) -> tuple[Int[ArrayLike, " n_phase"], Float[ArrayLike, "n_phase 1+n_inc"]]:
+    def steps(self) -> tuple[Int[np.ndarray, " n_phase"], Float[np.ndarray, "n_phase 1+n_inc"]]:
         """Number of increments of every phase, and their load factors from 0 on.
 
         Load factors are above 1 in phases with fewer increments than others.
         """
-        if self.given_steps is not None:
-            return self.given_steps
-        return stack_steps(self.increments, max(self.increments))
+        counts = np.array(self.increments, np.int32)
+        return counts, np.arange(max(self.increments) + 1) / counts[:, None]
 
     @property
     def scanned_arrays(self) -> tuple[Any, ...]:
@@ -97,18 +91,6 @@ class Schedule:
     def phase(self, k: int) -> PhaseData:
         """Return the `PhaseData` of the phase with index `k`."""
         return self.unpack_phase(jax.tree.map(lambda x: x[k], self.scanned_arrays))
-
-
-def stack_steps(
-    increments: Sequence[int], most: int
-) -> tuple[Int[np.ndarray, " n_phase"], Float[np.ndarray, "n_phase 1+n_inc"]]:
-    """Return `Schedule.steps` for these numbers of increments, in arrays for up to `most`.
-
-    Where the number is 0, nothing is done in the phase.
-    """
-    counts, numbers = np.array(increments, np.int32), np.arange(most + 1)
-    factors = numbers / np.maximum(counts, 1)[:, None]
-    return counts, np.where((counts == 0)[:, None] & (numbers > 0), 2.0, factors)
 
 
 def stack_statements(

@@ -20,10 +20,10 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from ..numerics import implicit
-from .derivative_programs import Recalled, run_change
-from .outside_jit import analyse_by_known_programs, without_numbers
+from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
+from .recalled_derivative import change_of_solution
 from .solution import Solution, State
 from .states import arrange_solution
 
@@ -69,14 +69,17 @@ def measured_results_and_jacobian(
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
     core = tree.unflatten(leaves)
-    solution, points = analyse_by_known_programs(task, core)  # the program of `solve`
+    given = {"bundles": task.bundles}
+    # the program of `solve`
+    solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
     together = min(x.size, _MAX_DIRECTIONS)
     every = jnp.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
-    recalled, wanted = Recalled(without_numbers(task)), _float_results_of_ends(solution, names)
+    given |= {"moving": moving, "wanted": _float_results_of_ends(solution, names)}
+    axes = *(None,) * len(jax.tree.leaves((core, points))), *(0,) * len(moving)
     columns = []
     for k in range(0, x.size, together):
         changes = jax.vmap(push)(every[k : k + together])
-        ends = run_change(recalled, core, points, changes, moving, wanted, together)
+        ends = change_of_solution(core, points, changes, axes=axes, **given)
 
         def measured(phases, solution=solution):
             return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))

@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import Callable, Sequence
 
 from ..common import checks
-from ..common.compile_notice import show_compilation
 from ..common.progress import Increment, as_listener
 from ..common.status import first_failure
 from ..common.types import Array, Int
@@ -15,17 +14,10 @@ from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
 from .as_built import with_lengths_as_built
-from .derivative_programs import Recalled
-from .outside_jit import (
-    analyse_by_known_programs,
-    without_numbers,
-)
+from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import (
-    attach_recalled_derivative,
-    known_numbers,
-)
+from .recalled_derivative import attach_recalled_derivative, known_numbers
 from .solution import Solution, State
 from .states import arrange_solution
 
@@ -38,7 +30,6 @@ def solve(
     start: Solution | State | None = None,
     differentiate_path: bool = False,
     progress: bool | Callable[[Increment], object] | None = None,
-    exact_sizes: bool = False,
 ) -> Solution:
     """Analyse a structure through its phases.
 
@@ -61,15 +52,7 @@ def solve(
             derivatives are NaN; all other results are differentiable in any case.
         progress: True writes a line to stderr every half second during long work (increment,
             iterations, residual); a function is called with a `progress.Increment` after each
-            increment. It is compiled in: another function compiles again. By default a terminal or
-            a notebook shows one line while the compiler takes longer than 2 s; False, or the
-            environment variable JAXCABLE_PROGRESS=0, switches that off.
-        exact_sizes: whether to compile for the sizes of this structure. By default, outside of jit,
-            nodes, elements, unknowns, phases and increments are padded to a few sizes, so that
-            analyses of similar size (another mesh, a cable more) share one program, and one of each
-            derivative. Runs take longer, by up to half for small structures. Results
-            are equal to rounding, or to the tolerance where an increment takes many iterations, of
-            which there may be others.
+            increment. It is compiled in: another function compiles again.
 
     Returns:
         `Solution`; look at its `status`, or call `raise_if_failed`.
@@ -102,8 +85,6 @@ def solve(
         -14600.0 N/m
     """
     listen = as_listener(progress)
-    if not isinstance(exact_sizes, bool):
-        raise ValueError(f"exact_sizes = {exact_sizes!r}: expected True or False")
     phases, found = phases_with_lengths(structure, phases, method, start)
     # prestress as built has been prepared as it is stated: messages have named that
     with checks.without_warnings() if found is not None else contextlib.nullcontext():
@@ -112,14 +93,15 @@ def solve(
         task = task._replace(code=first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
-    with show_compilation(progress):
-        known = known_numbers(core) if iterates else None
-        solution, points = analyse_by_known_programs(
-            task, known or core, differentiate_path, listen, exact_sizes
-        )
+    known = known_numbers(core) if iterates else None
+    solution, points = analyse(
+        *(known or core),
+        differentiate_path=differentiate_path,
+        listen=listen,
+        bundles=task.bundles,
+    )
     if known is not None:
-        recalled = Recalled(without_numbers(task), listen, exact_sizes)
-        solution = attach_recalled_derivative(solution, core, points, recalled)
+        solution = attach_recalled_derivative(solution, core, points, task)
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arrange_solution(structure, solution, task)

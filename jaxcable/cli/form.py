@@ -14,7 +14,6 @@ import numpy as np
 from ..analysis.group_values import value_per_group
 from ..analysis.phases import ABSOLUTE_STATEMENTS, Phase
 from ..common import status
-from ..common.compile_notice import announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
 from ..common.units import SI
@@ -68,15 +67,14 @@ def run(options: Namespace) -> None:
     given: dict[str, Any] = {}
     bends = not all(isinstance(group, Straight) for group in structure.groups)
     try:
-        with announce_compilation():
-            if options.tension is not None or options.free is not None:
-                given = _values_by_group(options, structure, units, densities, lengths)
-                form = find_form(structure, loads=acting.loads, **given)
-            elif lengths is not None:
-                form = _find_form_with_lengths(structure, densities, lengths, acting.loads)
-            else:
-                form, stated = None, {"force_density": densities}
-                positions = _force_density_positions(structure, densities, acting.loads)
+        if options.tension is not None or options.free is not None:
+            given = _values_by_group(options, structure, units, densities, lengths)
+            form = find_form(structure, loads=acting.loads, **given)
+        elif lengths is not None:
+            form = _find_form_with_lengths(structure, densities, lengths, acting.loads)
+        else:
+            form, stated = None, {"force_density": densities}
+            positions = _force_density_positions(structure, densities, acting.loads)
     except ValueError as error:
         hint = "; masts and guys may have --length" if "has no force density" in str(error) else ""
         raise BadInput(f"{options.scene}: {error}{hint}") from None

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
-from ..common.compile_notice import show_compilation
 from ..common.interrupt import exit_interrupted
 from ..common.status import AnalysisError
 from ..files import FileError
@@ -58,12 +57,7 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
     def work():
         try:
             shown = io.StringIO() if options.quiet else sys.stdout
-            place = False if options.quiet else "terminal"
-            with (
-                warnings.catch_warnings(),
-                contextlib.redirect_stdout(shown),
-                show_compilation(place),
-            ):
+            with warnings.catch_warnings(), contextlib.redirect_stdout(shown):
                 for kind in (InputWarning, UnstableWarning):
                     warnings.simplefilter("ignore" if options.quiet else "always", kind)
                 warnings.showwarning = _print_warning

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from .. import linear
 from ..files.reading import number
-from ..scenes import usual
 from . import (
     convert,
     demo,
@@ -25,7 +24,6 @@ from . import (
     settings,
     solve,
     view,
-    warm,
 )
 from .guard import BadInput, run_guarded
 from .option_values import parse_positive, whole_number_up_to
@@ -44,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             program gives arguments, its settings are restored at the end.
     """
     options = parser().parse_args(arguments)
-    with settings.command_settings(options.quiet, whole_process=arguments is None):
+    with settings.command_settings(whole_process=arguments is None):
         return run_guarded(_import_and_run, options)
 
 
@@ -86,7 +84,6 @@ def parser() -> argparse.ArgumentParser:
     _add_optimize(commands)
     _add_convert(commands)
     _add_schema(commands)
-    _add_warm(commands)
     _add_demo(commands)
     for command in commands.choices.values():
         _add_flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
@@ -337,24 +334,6 @@ def _add_info(commands):
     command = _add_command(commands, info, "net.json")
     _add_input_files(command, scene=False)
     _add_show_units(command)
-
-
-def _add_warm(commands):
-    """Add the command ``warm`` and its options."""
-    command = _add_command(commands, warm, "nets masts my_bridge.json")
-    text = (
-        "kinds of structures (nets, domes, masts, frames; default: all of these), or scenes; other "
-        "commands, and scripts that call jaxcable.keep_programs(), find the programs"
-    )
-    command.add_argument("what", nargs="*", metavar="KIND|SCENE", help=text)
-    sizes = ", ".join(f"{name}: {most}" for name, most in usual.SIZES.items())
-    text = f"largest number of elements of these kinds ({sizes}; default: medium)"
-    command.add_argument("--size", choices=usual.SIZES, default="medium", help=text)
-    text = "also programs of gradients (jax.grad) of displacements, of tensions, and of both"
-    _add_flag(command, "--gradients", text)
-    _add_flag(command, "--background", "go on in another process, and return at once")
-    text = "refuse scenes larger than this, MB (default 64)"
-    command.add_argument("--largest", type=parse_positive, default=64.0, metavar="MB", help=text)
 
 
 def _add_convert(commands):

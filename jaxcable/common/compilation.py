@@ -1,27 +1,18 @@
-"""How programs are traced and compiled: programs of small analyses in half the time."""
+"""What programs depend on, where a call comes from, and how programs are forgotten."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import functools
 import gc
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
 
-from .compile_notice import announce_compilation
-from .jax_internals import is_tracing, quick_compile_options
-from .program_store import argument_signature, load_or_compile
+from .jax_internals import is_tracing
 
-# Unknowns up to which a program is compiled with `quick_compile_options`: it is as fast for some
-# hundred, and up to half as slow again for thousands.
-_QUICK_UNKNOWNS = 400
-MOST_PROGRAMS = 32
-"""Programs of a function that are known at the same time, so that a process does not grow."""
 _SETTINGS = (
     *("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision"),
     *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
@@ -30,114 +21,12 @@ _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 """Settings by which jax runs every operation by itself, or checks it."""
 
 
-def jit_program(function, static=()):
-    """Compile a function as `jax.jit` does, with a faster compiler for programs of few unknowns.
-
-    The result takes more arguments by keyword: ``size``, the number of unknowns, few up to
-    `_QUICK_UNKNOWNS`; and ``axes`` for a batch, the axis of every leaf of the arguments, or None.
-    ``result_shapes`` of the result takes the same, with `jax.ShapeDtypeStruct` for arrays that are
-    not known yet, and returns the shapes of what the program returns, which it compiles.
-
-    Where it is called inside of another jax program, it becomes part of that program as with
-    `jax.jit`, and ``size`` is ignored. A call from Python looks for the program among the last
-    `MOST_PROGRAMS` of this function, then on disk (`program_store`), and compiles it only if it is
-    in neither.
-
-    Args:
-        function: its arguments are pytrees of arrays.
-        static: names of static arguments, which are hashable and given by keyword. One with the
-            name ``alone`` is set here: True if the function is called from Python, False inside of
-            another program.
-    """
-    plain = jax.jit(function, static_argnames=static)
-    known, lock = OrderedDict(), threading.Lock()
-
-    @functools.wraps(function)
-    def run(*arguments, size, axes=None, **options):
-        leaves = jax.tree.leaves(arguments)
-        alone = is_top_level_call(leaves)
-        if "alone" in static:
-            options["alone"] = alone
-        if not alone or is_debugging():
-            with without_garbage_collection():
-                if axes is None:
-                    return plain(*arguments, **options)
-                tree = jax.tree.structure(arguments)
-                return jax.vmap(lambda *own: plain(*tree.unflatten(own), **options), axes)(*leaves)
-        return find(arguments, leaves, options, size, axes)(*leaves)
-
-    def find(arguments, leaves, options, size, axes):
-        """Return the compiled program: a known one, one from disk, or a new one."""
-        small = size <= _QUICK_UNKNOWNS
-        key = (
-            jax.tree.structure(arguments),
-            tuple(map(argument_signature, leaves)),
-            tuple(options.items()),
-            small,
-            axes,
-            program_settings(),
-        )
-        with lock:
-            compiled = known.pop(key, None)
-        if compiled is None:
-            compiled = _compile_or_load(function, arguments, leaves, options, small, axes)
-        with lock:
-            known[key] = compiled  # as the last one
-            while len(known) > MOST_PROGRAMS:
-                known.popitem(last=False)
-        return compiled
-
-    def result_shapes(*arguments, size, axes=None, **options):
-        if "alone" in static:
-            options["alone"] = True
-        return find(arguments, jax.tree.leaves(arguments), options, size, axes).out_info
-
-    run.known, run.result_shapes = known, result_shapes
-    _PROGRAMS.append(run)
-    return run
-
-
-def call_announced(program: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function of `jax.jit`, and announce that it is compiled if that takes long.
-
-    Nothing is announced inside of another program, which is compiled as a whole.
-    """
-    lower = getattr(program, "lower", None)
-    if lower is not None and is_top_level_call(jax.tree.leaves(arguments)) and not is_debugging():
-        with announce_compilation():
-            lower(*arguments).compile()  # jax keeps it for the call
-    return program(*arguments)
-
-
-def _compile_or_load(function, arguments, leaves, options, small, axes):
-    """Return the compiled program of `function`, loaded from disk or compiled now.
-
-    It takes `leaves`, the arrays in the pytrees `arguments`; `options` are static arguments. With
-    `small`, compiler options for few unknowns are used; `axes` are those of a batch, or None.
-    """
-    words = function.__module__, function.__qualname__, small, *(() if axes is None else (axes,))
-    tree = jax.tree.structure(arguments)
-
-    def own(*leaves):  # jax forgets what it has traced together with it
-        return function(*tree.unflatten(leaves), **options)
-
-    program = own if axes is None else jax.vmap(own, axes)
-
-    def compiled():
-        quick = quick_compile_options() if small else None
-        with announce_compilation():
-            return jax.jit(program, compiler_options=quick).trace(*leaves).lower().compile()
-
-    with without_garbage_collection():
-        return load_or_compile(compiled, words, arguments, options)
-
-
 def forget_programs() -> None:
     """Release all compiled programs, analyses of sparsity patterns and factors from memory.
 
     A process that analyses structures of many different shapes grows with each of them: up to 32
     programs of `jc.solve`, and as many of each similar function, stay in memory, and all programs
-    of `jax.jit`. What is needed again is compiled again, or loaded from disk (`keep_programs`).
+    of `jax.jit`. What is needed again is compiled again, or read from disk (`keep_programs`).
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()
@@ -146,8 +35,6 @@ def forget_programs() -> None:
         >>> print(f"{solution.displacement[3, 2]:.4f} m")  # results stay
         -0.0466 m
     """
-    for run in _PROGRAMS:
-        run.known.clear()
     jax.clear_caches()
     for forget in _FORGET:
         forget()
@@ -157,7 +44,6 @@ def forget_programs() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-_PROGRAMS: list[Any] = []
 _FORGET: list[Callable[[], object]] = []
 
 

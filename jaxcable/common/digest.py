@@ -1,34 +1,36 @@
-"""Digests of what functions compute, and of the code of the package.
+"""Digests of what functions compute, by which a study finds out whether it is another one.
 
 A traced function is known by its program, with the values of its constants: functions are compared
 by what they do, not by name or text, and one that closes over another model, another array or
-another random key has another digest. Functions that cannot be traced, and the code of the package,
-are read as `python_objects` takes them apart. Processes agree on all digests.
+another random key has another digest. NumPy functions, which cannot be traced, are known by their
+bytecode, and by all values that it can reach. Processes agree on all digests.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import enum
+import functools
+import hashlib
+import os
 import re
 import sys
-from collections.abc import Callable
+import sysconfig
+import types
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
 import numpy as np
 
 from .jax_internals import is_jaxpr, is_jaxpr_literal
-from .python_objects import (
-    PLAIN_TYPES,
-    definition_parts,
-    digest_of_bytes,
-    is_program_module,
-    sorted_plain_values,
-)
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _COLLECTIONS = {tuple, list, dict, set, frozenset, range, slice}
+_PLAIN_TYPES = {bool, int, float, complex, str, bytes, type(None), type(...)}
+_METHODS = types.FunctionType, staticmethod, classmethod, property, functools.cached_property
+_WRAPPERS = *_METHODS[1:], types.MethodType, types.BuiltinFunctionType
+_WRAPPED = "__wrapped__", "__func__", "__self__", "fget", "fset", "func"
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
@@ -54,7 +56,7 @@ def of_host_function(function: Callable[..., Any]) -> str:
     and versions count.
     """
     try:
-        return _digest_of_words(_ObjectDescriber(_CodeOwner.USER).describe(function))
+        return _digest_of_words(_ObjectDescriber(reads_code=True).describe(function))
     except RecursionError:
         raise ValueError(
             "the function uses objects that are nested too deeply for a digest of all that decides "
@@ -70,24 +72,9 @@ def of_arrays(tree: Any) -> str:
     )
 
 
-def of_package() -> str:
-    """Return a digest of the code of this package as it is in memory, a text of 32 characters.
-
-    It covers functions, classes and constants of all loaded modules, and is part of the keys of
-    programs that are kept on disk. Contents of lists, and of dictionaries that hold objects, are
-    left out: they are registries and caches. Modules that `import jaxcable` does not load (the
-    command line) cannot be part of a program.
-
-    Raises:
-        ForeignCodeError: a function or class in the package is replaced by one defined elsewhere.
-    """
-    reader, words = _ObjectDescriber(_CodeOwner.PACKAGE), []
-    for module in filter(is_program_module, sorted(sys.modules)):
-        names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
-        words += [  # names with underscores at both ends are Python's
-            (name, reader.describe(names[name])) for name in sorted(names) if name[:2] != "__"
-        ]
-    return _digest_of_words(words)
+def digest_of_bytes(*parts: bytes) -> str:
+    """Return a digest of all these bytes together, a text of 32 characters."""
+    return hashlib.blake2b(b"|".join(parts), digest_size=16).hexdigest()
 
 
 def _digest_of_words(words):
@@ -95,26 +82,16 @@ def _digest_of_words(words):
     return digest_of_bytes(repr(words).encode())
 
 
-class _CodeOwner(enum.Enum):
-    """Whose functions a digest describes by their code: those of the user, or of this package.
-
-    All other functions count by name and version.
-    """
-
-    USER = 1
-    PACKAGE = 2
-
-
 class _ObjectDescriber:
     """Describe objects as nested lists of words, from which a digest is made.
 
-    The objects are values in a jaxpr, or values that Python code can reach. Each object is
-    described once. `code_owner` says whose functions are described by their code; None: nobody's.
+    The objects are values in a jaxpr or, with `reads_code`, values that Python code can reach,
+    whose functions are described by their code. Each object is described once.
     """
 
-    def __init__(self, code_owner=None):
+    def __init__(self, reads_code=False):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
-        self.code_owner = code_owner
+        self.reads_code = reads_code
 
     def describe(self, value: Any) -> Any:
         """Return words (nested lists of texts and numbers) that describe any object.
@@ -122,10 +99,10 @@ class _ObjectDescriber:
         An object of unknown type is described by its `repr`, without memory addresses.
         """
         kind = type(value)
-        if kind in PLAIN_TYPES:
+        if kind in _PLAIN_TYPES:
             return repr(value)  # tells 1, 1.0 and True apart
         if isinstance(value, jax.Array | np.ndarray):
-            if self.code_owner and isinstance(value, np.memmap):
+            if self.reads_code and isinstance(value, np.memmap):
                 return self._memoized_digest(value, self._describe_definition)
             return (
                 self.describe(value.tolist())
@@ -136,7 +113,7 @@ class _ObjectDescriber:
             return _digest_of_array(value)
         if is_jaxpr(value):
             return self._memoized_digest(value, self._describe_jaxpr)
-        if self.code_owner and kind not in _COLLECTIONS:
+        if self.reads_code and kind not in _COLLECTIONS:
             return self._memoized_digest(value, self._describe_definition)
         if isinstance(value, tuple):
             return kind.__name__, [self.describe(part) for part in value]
@@ -160,16 +137,11 @@ class _ObjectDescriber:
         return self.known[id(value)][1]
 
     def _describe_definition(self, value):
-        """Return the words for a function, class or object, from its `definition_parts`."""
-        return [
-            self.describe(part)
-            for part in definition_parts(value, self.code_owner is _CodeOwner.PACKAGE)
-        ]
+        """Return the words for a function, class or object, from its `_definition_parts`."""
+        return type(value).__name__, [self.describe(part) for part in _definition_parts(value)]
 
     def _describe_collection(self, value):
         """Return the words for a list, or those of a dictionary or set in sorted order."""
-        if self.code_owner is _CodeOwner.PACKAGE:
-            return type(value).__name__, sorted_plain_values(value)
         if isinstance(value, list):
             return type(value).__name__, [self.describe(part) for part in value]
         if isinstance(value, dict):
@@ -194,15 +166,97 @@ class _ObjectDescriber:
         words = [*map(self.describe, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
             words += equation.primitive.name, *map(atom, equation.invars)
-            owner_before, self.code_owner = self.code_owner, None
-            if "callback" in equation.primitive.name:
-                self.code_owner = _CodeOwner.USER
+            before, self.reads_code = self.reads_code, "callback" in equation.primitive.name
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
                     words += name, self.describe(value)
-            self.code_owner = owner_before
+            self.reads_code = before
             words += map(new, equation.outvars)
         return [*words, *map(atom, jaxpr.outvars)]
+
+
+def _definition_parts(value) -> Iterator[Any]:
+    """Yield the parts that decide what a function, class or object computes, one level deep.
+
+    They are described further in the same way. Functions and classes of libraries, and of this
+    package, have a name and a version only.
+    """
+    if isinstance(value, types.ModuleType):
+        yield value.__name__  # attributes are parts of the functions that read them
+    elif isinstance(value, types.FunctionType | type) and _is_of_library(value.__module__):
+        package = sys.modules.get((value.__module__ or "").partition(".")[0])
+        yield from (value.__module__, value.__qualname__, getattr(package, "__version__", ""))
+    elif isinstance(value, types.FunctionType):
+        yield from (value.__code__, value.__defaults__, value.__kwdefaults__, vars(value))
+        for cell in value.__closure__ or ():
+            with contextlib.suppress(ValueError):  # a variable that has no value yet
+                yield cell.cell_contents
+        names = _names_in_code(value.__code__)
+        yield from _named_values(names, {**sys.modules, **value.__globals__}, frozenset())
+    elif isinstance(value, types.CodeType):
+        yield from (value.co_code, value.co_exceptiontable, value.co_consts, value.co_names)
+        yield from (value.co_argcount, value.co_flags, value.co_varnames, value.co_freevars)
+    elif isinstance(value, type):
+        yield from (value.__qualname__, value.__bases__)
+        for name, own in sorted(vars(value).items()):
+            if name[:2] != "__" or isinstance(own, _METHODS):
+                yield from (name, own)
+    elif isinstance(value, functools.partial):
+        yield from (value.func, value.args, value.keywords)
+    elif isinstance(value, _WRAPPERS) or hasattr(value, "__wrapped__"):  # also `jax.jit`
+        yield getattr(value, "__qualname__", "")
+        yield from (getattr(value, name, None) for name in _WRAPPED)
+    elif isinstance(value, types.MappingProxyType):
+        yield dict(value)
+    elif isinstance(value, np.memmap) and value.filename:  # larger than memory, perhaps
+        yield from (str(value.dtype), value.shape, value.offset, value.filename)
+        with contextlib.suppress(OSError):
+            about = os.stat(value.filename)
+            yield from (about.st_size, about.st_mtime_ns)
+    else:
+        yield from _parts_of_object(value)
+
+
+def _parts_of_object(value):
+    """Yield the class of an object and what pickling would write of it, or its text."""
+    yield type(value)
+    try:
+        found = value.__reduce_ex__(4)
+    except Exception:  # whatever a class raises that cannot be pickled
+        yield getattr(value, "__dict__", None) or _ADDRESS.sub("", repr(value))
+        return
+    for part in [found] if isinstance(found, str) else found:
+        yield list(part) if isinstance(part, Iterator) else part
+
+
+def _names_in_code(code):
+    """Return the names of globals, attributes and modules in bytecode, also of its functions."""
+    inner = (part for part in code.co_consts if isinstance(part, types.CodeType))
+    return set(code.co_names).union(*map(_names_in_code, inner))
+
+
+def _named_values(names, space, seen):
+    """Yield the names that a namespace has, with values; also those in modules of the user.
+
+    Modules with names in `seen` are not searched again.
+    """
+    for name in sorted(names & space.keys()):
+        value = space[name]
+        yield from (name, value)
+        if isinstance(value, types.ModuleType) and value.__name__ not in seen:
+            if not _is_of_library(value.__name__):
+                yield from _named_values(names, vars(value), seen | {value.__name__})
+
+
+def _is_of_library(module):
+    """Tell whether a module is Python's, of this package, or of an installed library."""
+    package = (module or "builtins").partition(".")[0]
+    if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
+        return True
+    file = getattr(sys.modules.get(package), "__file__", None)
+    folders = (sysconfig.get_path(name) for name in ("purelib", "platlib"))
+    below = tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
+    return file is not None and os.path.realpath(file).startswith(below)
 
 
 def _digest_of_array(value):

@@ -34,8 +34,7 @@ def fuse_loops() -> None:
     variable XLA_FLAGS, and sets jax's `jax_cpu_enable_async_dispatch` to False, so that a program
     runs in the thread that calls it: a switch of threads takes as long as the analysis of a small
     net. jax reads both settings when it first computes: call this function before. Neither the
-    command line nor importing the package does. Every size of a structure then has a program of its
-    own: analyses of similar size do not share one (`solve`, `exact_sizes`).
+    command line nor importing the package does.
 
     Warns:
         RuntimeWarning: jax has computed already, without the option, or this version of jax may not

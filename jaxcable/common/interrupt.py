@@ -17,8 +17,6 @@ INTERRUPTED = 130
 
 UNFINISHED_FILES: list[str] = []
 """Names of files that are being written: an interrupted process removes them."""
-SHOWN_LINE: list[str] = []
-"""Text that erases what a line of the terminal shows now, if it shows anything: at most one."""
 
 
 def exit_interrupted(*_: Any) -> NoReturn:
@@ -26,7 +24,7 @@ def exit_interrupted(*_: Any) -> NoReturn:
     for name in UNFINISHED_FILES:
         with contextlib.suppress(OSError):
             os.unlink(name)
-    os.write(2, "".join([*SHOWN_LINE, "jaxcable: interrupted\n"]).encode())
+    os.write(2, b"jaxcable: interrupted\n")
     os._exit(INTERRUPTED)
 
 

@@ -9,23 +9,18 @@ what is lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing el
   reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no
   reverse mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`,
   jax-ml/jax#13283).
-- `register_host_function`: jax's own cache keeps programs with callbacks since jax-ml/jax#38405
-  (`program_serializer` refuses them, up to 0.12); but a callback makes arrays of jax, for which a
-  busy program can wait for ever.
+- `register_host_function`: jax's own cache keeps programs with callbacks since jax-ml/jax#38405;
+  but a callback makes arrays of jax, for which a busy program can wait for ever.
 - `quick_compile_options`: XLA has no older emitters since jax 0.12.
-
-`program_serializer`, `jax_settings`, `reset_jax_cache` and `without_jax_cache` are needless once
-jax keeps programs by a key that is known before they are traced.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import importlib
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -40,9 +35,6 @@ _LOSSES = {
     "primitives": "jax.extend.core.Primitive and jax.interpreters: derivatives are traced with "
     "every analysis, which takes longer to compile, and no analysis is compiled to a single "
     "function",
-    "settings": "jax.config.values: programs are not kept, because the settings are unknown",
-    "executables": "jax.experimental.serialize_executable: analyses are traced in every "
-    "process; only jax's own cache keeps what it compiles",
     "cache": "jax.experimental.compilation_cache: jax does not keep programs if it has compiled "
     "one before",
     "started": "jax._src.xla_bridge.backends_are_initialized: loops are not fused if jax has "
@@ -346,19 +338,6 @@ xla_flags_in_effect()  # it may have started before this package
 # --- programs on disk
 
 
-def jax_settings() -> dict[str, Any] | None:
-    """Return the values of all jax settings in this thread, by name; None if they are unknown."""
-    values = getattr(jax.config, "values", None)
-    return dict(values) if values else None
-
-
-def program_serializer() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Return jax's functions (serialize, load) for compiled programs; None if jax has none."""
-    module = "jax.experimental.serialize_executable"
-    found = _import_members(module, "serialize", "deserialize_and_load")
-    return None if found is None else (found[0], found[1])
-
-
 def reset_jax_cache() -> bool:
     """Have jax read the setting of its cache folder again; return False if this jax cannot."""
     found = _import_members("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
@@ -368,19 +347,7 @@ def reset_jax_cache() -> bool:
     return True
 
 
-@contextlib.contextmanager
-def without_jax_cache() -> Iterator[None]:
-    """Keep programs that this thread compiles in a ``with`` block out of jax's own disk cache.
-
-    Where jax has no setting for a thread, such a program is on disk twice: in its cache and ours.
-    """
-    found = _import_members("jax._src.config", "persistent_cache_min_compile_time_secs")
-    if found is None or not callable(found[0]):
-        yield
-        return
-    with found[0](float("inf")):
-        yield
-
+# --- arrays
 
 _client = _import_members("jaxlib.xla_client", "batched_device_put")
 
@@ -404,16 +371,3 @@ def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
 
 
 _shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)
-
-
-@functools.cache
-def preload_lapack() -> None:
-    """Have jaxlib load LAPACK, for programs from disk; jax loads it only when it lowers a program.
-
-    Where jaxlib has no function for this, a small program is lowered, which takes 0.2 s.
-    """
-    found = _import_members("jaxlib.lapack", "prepare_lapack_call")
-    if found is None:
-        jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
-    else:
-        found[0]("potrf", np.float64)

@@ -171,17 +171,7 @@ class Printer:
             self.last = now
         if now - self.last >= self.pause:
             self.last = now
-            self.print_line(news)
-
-    def __reduce__(self) -> str:
-        """The printer of ``progress=True`` is known by its name, for programs kept on disk."""
-        if self is SHOW:
-            return "SHOW"
-        raise TypeError("a Printer cannot be pickled")
-
-    def print_line(self, text: object) -> None:
-        """Print a text at once, without regard to the pause between lines."""
-        print(text, file=self.stream or sys.stderr, flush=True)
+            print(news, file=self.stream or sys.stderr, flush=True)
 
 
 SHOW = Printer()

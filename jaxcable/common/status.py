@@ -38,15 +38,16 @@ PATH_LOST = 23
 SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
 STATIONARY = 26
-NEEDS_FALLBACKS = 27
 NOT_AS_BUILT = 28
 
 NAMES: dict[int, str] = {
     code: name
     for name, code in sorted(vars().items(), key=lambda item: str(item[1]).zfill(2))
-    if name.isupper() and isinstance(code, int) and name != "NEEDS_FALLBACKS"
+    if name.isupper() and isinstance(code, int)
 }
 """Names of the codes that results have, by code."""
+
+NEEDS_FALLBACKS = 27  # of `reliability.search` while it goes on; no result has it
 
 _TEXTS = {
     OK: "converged",
@@ -157,10 +158,6 @@ _TEXTS = {
         "the start is stationary: the gradient is zero there, so that nothing tells where the loss "
         "falls. That is so at a minimum, but also at a maximum, at a saddle (a symmetric start), "
         "and where no parameter has an influence; compare the loss nearby, or start elsewhere"
-    ),
-    NEEDS_FALLBACKS: (
-        "an iteration without fallbacks has come to where they are needed; solve goes on with "
-        "them, so that its solutions never have this status"
     ),
     NOT_AS_BUILT: (
         "no unstressed lengths are found with which the tensions or sags that a phase states as "

@@ -54,10 +54,6 @@ class IterationSettings(Protocol):
     def max_steps(self) -> Int[ArrayLike, ""]:
         """Largest number of Newton steps per increment."""
 
-    @property
-    def has_fallbacks(self) -> bool:
-        """Whether the iteration may go on in another way where its steps do not help."""
-
 
 def default_tolerance(dtype: DTypeLike) -> float:
     """Return the default relative tolerance of a dtype: 1e-10, or 1e-5 in float32."""

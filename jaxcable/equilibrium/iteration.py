@@ -22,7 +22,7 @@ from .newton_step import max_abs, newton_direction
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces
 from .step_matrix import step_matrix
-from .tension_unknowns import MIXED, TensionUnknowns
+from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
 _RELEASED_ROUNDINGS = 2.0
@@ -86,8 +86,7 @@ class EquilibriumSearch:
         full_steps = unknowns = None
         if self.is_net or self.partial_net is not None:
             net = self.system if self.is_net else self.partial_net.net
-            given = net, self.begin, not self.is_net, self.method.has_fallbacks
-            unknowns = TensionUnknowns.initial(*given)
+            unknowns = TensionUnknowns.initial(net, self.begin, not self.is_net)
         if self.has_full_steps:
             full_steps = FullStepPhase.initial(self.system.may_be_unsymmetric)
         return NewtonState(
@@ -345,10 +344,7 @@ class EquilibriumSearch:
             matrix = linear.add_to_diagonal(matrix, shift)
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
-            again, stays, ends, code = jnp.zeros((), bool), converged, converged, state.code
-            if state.tension_unknowns is not None and not self.method.has_fallbacks:
-                lost = state.tension_unknowns.mode != MIXED
-                ends, code = ends | lost, jnp.where(lost, status.NEEDS_FALLBACKS, code)
+            again, stays = jnp.zeros((), bool), converged
             if self.is_net:
                 given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
@@ -392,8 +388,7 @@ class EquilibriumSearch:
                 steps=state.steps + ~stays,
                 factored=factored,
                 stable=state.stable | (converged & definite),
-                code=code,
-                done=ends,
+                done=converged,
             )
 
         return cond_in_batch(wanted, compute, state)

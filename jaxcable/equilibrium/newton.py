@@ -39,7 +39,7 @@ of lengths), so that its equilibria are its minima.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 from jax import lax
@@ -101,7 +101,6 @@ class Newton:
     max_steps: Int[ArrayLike, ""] = 200
     linear_solver: str | None = None
     watch: bool = False
-    has_fallbacks: ClassVar[bool] = True
 
     def __post_init__(self):
         for name in ("tol", "max_steps"):
@@ -123,16 +122,6 @@ class Newton:
             Rule("max_steps", self.max_steps, lambda v: ~(v > 0), "must be positive"),
             whole_number("max_steps", self.max_steps),
         ]
-
-
-@pytree(static=("linear_solver", "watch"))
-class NewtonWithoutFallbacks(Newton):
-    """Newton's method with the steps that nearly every structure needs, in a smaller program.
-
-    Where other steps are needed the status is NEEDS_FALLBACKS. Up to there it is `Newton`.
-    """
-
-    has_fallbacks: ClassVar[bool] = False
 
 
 def adjoint_cg_settings(

@@ -35,7 +35,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
@@ -65,7 +64,7 @@ _FIRST_STEPS = 2  # steps whose residuals count as the start: what starts in bal
 _STUCK_BLOCKED = -4  # blocked steps to begin with after a stuck finish: it takes that many more
 
 
-@pytree(static=("has_fallbacks",))
+@pytree
 class TensionUnknowns:
     """Tensions as unknowns, and the mode in which the iteration solves for them.
 
@@ -85,7 +84,6 @@ class TensionUnknowns:
         finishes: how often they were tried.
         interior_motion: point of the interior iteration, while finishing steps are tried.
         indefinite_count: how often rounding has left a matrix of the mode indefinite.
-        has_fallbacks: whether any mode but `MIXED` is in the program; static.
     """
 
     mode: Int[Array, ""]
@@ -100,12 +98,9 @@ class TensionUnknowns:
     finishes: Int[Array, ""]
     interior_motion: Motion
     indefinite_count: Int[Array, ""]
-    has_fallbacks: bool
 
     @classmethod
-    def initial(
-        cls, system: System, x: Motion, is_partial_net: bool, has_fallbacks: bool
-    ) -> TensionUnknowns:
+    def initial(cls, system: System, x: Motion, is_partial_net: bool) -> TensionUnknowns:
         """Return the state at the start of an increment: mixed steps, zero tensions.
 
         Args:
@@ -113,7 +108,6 @@ class TensionUnknowns:
             x: motion of all nodes (rows).
             is_partial_net: whether the net is part of a structure with other elements, too. Then
                 its interior-point method is that of `interior_point`, not the one with cones.
-            has_fallbacks: whether any mode but `MIXED` is in the program.
         """
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
@@ -134,12 +128,7 @@ class TensionUnknowns:
             finishes=first,
             interior_motion=x,
             indefinite_count=first,
-            has_fallbacks=has_fallbacks,
         )
-
-    def _is_in(self, mode):
-        """Whether this is the mode; known to be False where the program has no such steps."""
-        return self.mode == mode if self.has_fallbacks else np.False_
 
     @property
     def has_cones(self) -> bool:
@@ -149,17 +138,17 @@ class TensionUnknowns:
     @property
     def uses_line_search(self) -> Bool[Array, ""]:
         """Whether the mode is `SEARCH`: Newton steps with a line search."""
-        return self._is_in(SEARCH)
+        return self.mode == SEARCH
 
     @property
     def uses_interior_point(self) -> Bool[Array, ""]:
         """Whether the mode is `INTERIOR`: steps of the interior-point method."""
-        return self._is_in(INTERIOR)
+        return self.mode == INTERIOR
 
     @property
     def takes_finishing_steps(self) -> Bool[Array, ""]:
         """Whether the mode is `FINISH`: finishing steps after an interior iteration."""
-        return self._is_in(FINISH)
+        return self.mode == FINISH
 
     @property
     def takes_interior_or_finishing_steps(self) -> Bool[Array, ""]:

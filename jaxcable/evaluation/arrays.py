@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from .block import Value
 from .rules import rule
 
 
@@ -101,7 +100,9 @@ def _split(block, equation, inputs):
 def _iota(block, equation, _):
     shape, dtype = _shape(equation)
     axis = equation.params["dimension"]
-    counted = np.arange(shape[axis], dtype=dtype).reshape([-1 if k == axis else 1 for k in range(len(shape))])
+    counted = np.arange(shape[axis], dtype=dtype).reshape(
+        [-1 if k == axis else 1 for k in range(len(shape))]
+    )
     return [block.names.constant(np.ascontiguousarray(np.broadcast_to(counted, shape)))]
 
 
@@ -133,7 +134,8 @@ def _make_pad(shape, configuration):
 
     if all(low >= 0 and high >= 0 and inner == 0 for low, high, inner in configuration):
         inside = tuple(
-            slice(low, size - high) for (low, high, _), size in zip(configuration, shape, strict=True)
+            slice(low, size - high)
+            for (low, high, _), size in zip(configuration, shape, strict=True)
         )
         return pad_outside
     return pad
@@ -159,7 +161,7 @@ def _reduce(function, block, equation, inputs):
     if not axes:
         return [x]
     empty = not math.prod(x.shape)
-    if function in ("np.logical_and", "np.logical_or") and dtype != bool:
+    if function in ("np.logical_and", "np.logical_or") and dtype.kind != "b":
         function = {"np.logical_and": "np.bitwise_and", "np.logical_or": "np.bitwise_or"}[function]
     if function in ("np.maximum", "np.minimum") and empty:
         raise NotImplementedError("a maximum of nothing")
@@ -169,7 +171,7 @@ def _reduce(function, block, equation, inputs):
     typed = f",dtype='{dtype}'" if dtype.kind in "iu" else ""
     axis = axes[0] if len(axes) == 1 else axes
     x = block.full(x)
-    work = 1 + math.prod(x.shape) / 3000
+    work = 1 + math.prod(x.shape) / 1000
     return [block.write(f"{function}.reduce({{0}},{axis}{typed})", [x], shape, dtype, work=work)]
 
 
@@ -264,8 +266,6 @@ def _make_dynamic_update(whole, sizes):
         return found
 
     return update
-
-
 
 
 @rule("stack")

@@ -16,7 +16,7 @@ import numpy as np
 
 _LARGEST_FOLDED = 200_000  # entries of an array that is computed while the program is written
 _LARGEST_KEPT = 4096  # entries of arrays that are not deleted after their last use
-_ENTRIES_PER_CALL = 3000  # entries that NumPy works on in the time that a call of it takes
+_ENTRIES_PER_CALL = 1000  # entries that NumPy works on in the time that a call of it takes
 
 
 class Value(NamedTuple):
@@ -107,7 +107,7 @@ class Names:
         return found._replace(shape=shape)
 
     def function(self, program: Any) -> str:
-        """Return the name of the function that computes a jaxpr; it is written at its first call."""
+        """Return the name of the function that computes a jaxpr, written at its first call."""
         key = id(program)
         if key not in self._functions:
             name = self.new("g")
@@ -173,7 +173,7 @@ class Block:
             template: the expression, with {0}, {1}, ... for the inputs.
             inputs: values in it.
             shape, dtype, held: as of `Value`; `held` is `shape` if it is None.
-            work: what it takes, in calls of a NumPy function; default: one, and that of its entries.
+            work: what it takes, in calls of a NumPy function; default: one, and its entries.
         """
         held = shape if held is None else held
         entries = math.prod(held or ())
@@ -204,7 +204,9 @@ class Block:
         found = block.find(text, names) if pure else None
         if found is None:
             found = [
-                Value(self.names.new(), tuple(a.shape), np.dtype(a.dtype), tuple(a.shape), block.depth)
+                Value(
+                    self.names.new(), tuple(a.shape), np.dtype(a.dtype), tuple(a.shape), block.depth
+                )
                 for a in avals
             ]
             results = tuple(x.name for x in found)
@@ -223,7 +225,7 @@ class Block:
     def count_turns(self) -> None:
         """Write, at the end of a loop's body, that the work of a turn is done."""
         self.statement(f"w[0]+={round(self.work, 1)}", ())
-        self.statement("if w[0]>w[1]: raise LimitReached", ())
+        self.statement("if w[0]>w[1]: raise LimitReachedError", ())
 
     def _outermost(self, inputs):
         """Return the outermost block, around loops only, that has all inputs."""

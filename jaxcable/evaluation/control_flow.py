@@ -58,7 +58,11 @@ def _scan(block, equation, inputs):
     jaxpr, constants = inner_jaxpr(given["jaxpr"])
     n_const, n_carry = internals.counts_of_scan(given)
     length, reverse = given["length"], given["reverse"]
-    shared, initial, xs = inputs[:n_const], inputs[n_const : n_const + n_carry], inputs[n_const + n_carry :]
+    shared, initial, xs = (
+        inputs[:n_const],
+        inputs[n_const : n_const + n_carry],
+        inputs[n_const + n_carry :],
+    )
     stacked = [x.aval for x in equation.outvars[n_carry:]]
     if length == 0:
         return [*initial, *(block.names.constant(np.zeros(a.shape, a.dtype)) for a in stacked)]
@@ -89,7 +93,9 @@ def _scan(block, equation, inputs):
     for aval, value in zip(stacked, found[n_carry:], strict=True):
         own = _variable(block, aval)
         dtype = np.dtype(aval.dtype)
-        block.lines.append(block.line_of((own.name,), (), f"{own.name}=np.empty({tuple(aval.shape)},'{dtype}')"))
+        block.lines.append(
+            block.line_of((own.name,), (), f"{own.name}=np.empty({tuple(aval.shape)},'{dtype}')")
+        )
         body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
         ys.append(own)
     _end_carry(body, carried, changing, found[:n_carry])
@@ -105,11 +111,13 @@ def _while(block, equation, inputs):
     test, of_test = inner_jaxpr(given["cond_jaxpr"])
     jaxpr, constants = inner_jaxpr(given["body_jaxpr"])
     n_test, n_body = given["cond_nconsts"], given["body_nconsts"]
-    for_test, for_body, initial = inputs[:n_test], inputs[n_test : n_test + n_body], inputs[n_test + n_body :]
-    body = block.child(is_loop=True)
-    carried, changing = _begin_carry(
-        block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars
+    for_test, for_body, initial = (
+        inputs[:n_test],
+        inputs[n_test : n_test + n_body],
+        inputs[n_test + n_body :],
     )
+    body = block.child(is_loop=True)
+    carried, changing = _begin_carry(block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars)
     (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
     goes_on = body.full(goes_on)
     any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
@@ -119,7 +127,12 @@ def _while(block, equation, inputs):
         cases = len(goes_on.shape)
         select = body.names.helper(_make_select, cases)
         found = [
-            body.write(f"{select}({{0}},{{1}},{{2}})", [goes_on, body.full(new), body.full(old)], new.shape, new.dtype)
+            body.write(
+                f"{select}({{0}},{{1}},{{2}})",
+                [goes_on, body.full(new), body.full(old)],
+                new.shape,
+                new.dtype,
+            )
             for new, old in zip(found, carried, strict=True)
         ]
     _end_carry(body, carried, changing, found)
@@ -238,4 +251,3 @@ def write_by_tracing(block, equation, inputs):
     evaluate = internals.functions_of_primitives[equation.primitive]
     program = jax.make_jaxpr(functools.partial(evaluate, **equation.params))(*avals)
     return write_equations(block, *inner_jaxpr(program), inputs)
-

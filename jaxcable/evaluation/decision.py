@@ -17,12 +17,12 @@ from ..common.fusion import are_loops_fused
 
 Way = Literal["auto", "numpy", "xla"]
 
-# What compiling takes for each equation of a program, in calls of NumPy functions (1.6 us each).
-_COMPILING = 450
+# What compiling takes for each equation of a program, in calls of NumPy functions (1.2 us each).
+_COMPILING = 800
 # What tracing and writing a batch takes for each equation.
 _TRACING = 150
 _OVER_CALLS = 0.7  # part of it that earlier calls may have taken before a call is compiled
-_IN_A_CALL = 0.35  # part of it after which a call ends and begins again, compiled
+_IN_A_CALL = 0.3  # part of it after which a call ends and begins again, compiled
 
 _ways: list[Way] = ["auto"]  # the way that is set, in this process
 

@@ -13,7 +13,14 @@ from .block import Block, Value
 from .rules import rule
 
 _TEMPLATES = {  # {0}, {1}, ... are the operands
-    **{"neg": "-{0}", "not": "~{0}", "copy": "{0}", "copy_p": "{0}", "stop_gradient": "{0}", "square": "{0}*{0}"},
+    **{
+        "neg": "-{0}",
+        "not": "~{0}",
+        "copy": "{0}",
+        "copy_p": "{0}",
+        "stop_gradient": "{0}",
+        "square": "{0}*{0}",
+    },
     **{"real": "np.real({0})", "imag": "np.imag({0})", "conj": "np.conj({0})"},
     **{"sqrt": "np.sqrt({0})", "rsqrt": "1/np.sqrt({0})", "cbrt": "np.cbrt({0})"},
     **{"abs": "np.absolute({0})", "sign": "np.sign({0})", "is_finite": "np.isfinite({0})"},
@@ -21,7 +28,7 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{f: f"np.{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
     **{f: f"np.{f}({{0}})" for f in ("exp", "exp2", "expm1", "log", "log1p")},
     **{f"a{f}": f"np.arc{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{f: f"special.{f}({{0}})" for f in ("erf", "erfc", "digamma")},
+    **{f: f"special.{f}({{0}})" for f in ("erf", "erfc")},
     **{"erf_inv": "special.erfinv({0})", "lgamma": "special.gammaln({0})"},
     **{"logistic": "1/(1+np.exp(-{0}))", "atan2": "np.arctan2({0},{1})"},
     **{"add": "{0}+{1}", "add_any": "{0}+{1}", "sub": "{0}-{1}", "mul": "{0}*{1}"},
@@ -121,7 +128,7 @@ def _convert(block, equation, inputs):
     if x.dtype == new:
         return [x]
     template = f"{{0}}.astype('{new}')"
-    if new == bool:
+    if new.kind == "b":
         template = "{0}!=0"
     elif new.kind in "iu" and x.dtype.kind == "f":
         template = f"{block.names.helper(_to_integers, new)}({{0}})"
@@ -136,7 +143,9 @@ def _to_integers(dtype):
     def convert(x):
         inside = (x >= low) & (x < high)
         found = np.where(inside, x, 0).astype(dtype)
-        return np.where(x >= high, dtype.type(limits.max), np.where(x < low, dtype.type(limits.min), found))[()]
+        return np.where(
+            x >= high, dtype.type(limits.max), np.where(x < low, dtype.type(limits.min), found)
+        )[()]
 
     return convert
 
@@ -179,7 +188,7 @@ def _bitcast(block, equation, inputs):
 def _select(block, equation, inputs):
     which, *cases = inputs
     aval = equation.outvars[0].aval
-    if which.dtype != bool or len(cases) != 2:
+    if which.dtype.kind != "b" or len(cases) != 2:
         template = f"np.choose({{0}},({','.join(f'{{{k + 1}}}' for k in range(len(cases)))}))"
         if which.held == () and len({x.held for x in cases}) == 1:
             template = f"({','.join(f'{{{k + 1}}}' for k in range(len(cases)))})[{{0}}]"

@@ -10,7 +10,7 @@ import numpy as np
 from ..common import jax_internals as internals
 from . import arrays, control_flow, elementwise, indexing, matrices  # noqa: F401  (rules)
 from .block import Names
-from .writing import LimitReached, count_calls, inner_jaxprs, make_function
+from .writing import LimitReachedError, count_calls, inner_jaxprs, make_function
 
 
 def count_equations(program: Any) -> int:
@@ -29,23 +29,23 @@ def count_equations(program: Any) -> int:
 def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[np.ndarray, ...]]:
     """Return the function that computes a closed jaxpr by NumPy.
 
-    It takes a list of arrays and a list [work done, most work]; it raises `LimitReached` where more
-    work would be done. Work is counted in calls of a NumPy function with few entries.
+    It takes a list of arrays and a list [work done, most work]; it raises `LimitReachedError`
+    where more work would be done. Work is counted in calls of a NumPy function with few entries.
 
     Raises:
         NotImplementedError: an equation has no rule.
     """
     program = internals.without_unused_equations(program)
-    functions = {**elementwise.FUNCTIONS, "LimitReached": LimitReached}
+    functions = {**elementwise.FUNCTIONS, "LimitReachedError": LimitReachedError}
     names = Names(functions, make_function, count_calls(program))
     compute = make_function(names, program)
     dtypes = [np.dtype(x.aval.dtype) for x in program.jaxpr.invars]
 
     def run(leaves, work):
-        arrays = [np.asarray(x, dtype)[()] for x, dtype in zip(leaves, dtypes, strict=True)]
+        given = [np.asarray(x, dtype)[()] for x, dtype in zip(leaves, dtypes, strict=True)]
         with np.errstate(all="ignore"):
-            found = compute(work, *arrays)
-        inputs = set(map(id, arrays))
+            found = compute(work, *given)
+        inputs = set(map(id, given))
         # jax may keep the memory of an array: it must be nobody else's
         return [np.array(x) if _is_shared(x, inputs) else np.asarray(x) for x in found]
 

@@ -35,7 +35,8 @@ def _gather(block, equation, inputs):
         text = f"{{0}}.take({{1}}[0],{axis})"
     if fills:
         value = block.names.constant(_fill_value(given["fill_value"], x.dtype)).name
-        text = f"{block.names.helper(_make_fill, axis, len(shape), math.prod(shape) == 0)}({text},{{1}}[1],{value})"
+        fill = block.names.helper(_make_fill, axis, len(shape))
+        text = f"{fill}({text},{{1}}[1],{value})"
     if not x.held and not fills:
         return [x._replace(shape=shape)]
     if not math.prod(x.shape):
@@ -136,14 +137,15 @@ def _places_of_batch(offsets, n):
     return [next(window) if k in offsets else next(batch) for k in range(n)]
 
 
-def _make_fill(axis, n, empty):
+def _make_fill(axis, n):
     """Return the function that fills entries that are not `inside` (None: all are)."""
 
     def fill(x, inside, value):
         if inside is None:
             return x
         if axis is not None:
-            inside = inside.reshape(*(1,) * axis, *inside.shape, *(1,) * (n - axis - inside.ndim))
+            inside = np.asarray(inside)
+            inside = inside.reshape((*(1,) * axis, *inside.shape, *(1,) * (n - axis - inside.ndim)))
         return np.where(inside, x, value)[()]
 
     return fill

@@ -17,7 +17,7 @@ from ..common.compilation import without_garbage_collection
 from ..common.types import Array
 from . import decision
 from .evaluator import count_equations, write_program
-from .writing import LimitReached
+from .writing import LimitReachedError
 
 # Entries of the largest array of floats up to which a program is compiled with
 # `quick_compile_options`: it is as fast for some hundred unknowns, and up to half as slow again
@@ -105,7 +105,7 @@ class Program:
         work = [0.0, decision.most_work(way, self.n_equation)]
         try:
             return self.evaluate(leaves, work)
-        except LimitReached:
+        except LimitReachedError:
             return None
         except NotImplementedError:  # a primitive without a rule
             self._has_rules = False
@@ -153,14 +153,14 @@ class MappedProgram(Program):
         return [x.update(shape=(self._n_case, *x.shape)) for x in self._base.avals]
 
     def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
-        """Return the results by NumPy, case by case if that is less work than to trace the batch."""
+        """Return the results by NumPy: case by case if tracing the batch is more work."""
         leaves = [np.asarray(x) for x in leaves]
         rows = [
             itertools.repeat(x) if axis is None else np.moveaxis(x, axis, 0)
             for x, axis in zip(leaves, self._axes, strict=True)
         ]
         found = []
-        for case in zip(*rows) if self._numpy is None else ():
+        for case in zip(*rows, strict=False) if self._numpy is None else ():
             found.append(self._base.evaluate(case, work))
             if work[0] * self._n_case / len(found) > decision.work_of_tracing(self.n_equation):
                 break  # known after the first case, as a rule

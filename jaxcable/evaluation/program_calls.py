@@ -50,7 +50,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
     on_forget_programs(known.clear)
 
     @functools.wraps(function)
-    def run(*arguments, axes=None, size=None, **options):
+    def run(*arguments, axes=None, **options):
         leaves, tree = jax.tree.flatten(arguments)
         alone = _CALL is not None and not internals.is_tracing() and not is_debugging()
         if "alone" in static:

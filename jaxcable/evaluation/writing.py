@@ -83,7 +83,7 @@ def count_calls(program: Any) -> dict[int, int]:
     return counts
 
 
-class LimitReached(Exception):
+class LimitReachedError(Exception):
     """The work allowed for a call is done, and its result is not."""
 
 

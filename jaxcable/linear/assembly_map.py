@@ -16,7 +16,6 @@ from ..common.types import Array, ArrayLike, Float, Int
 from .linear_map import linear_map
 
 _MOST_COLUMNS = 16  # numbers that a row of a table adds at most; where more meet, sums are summed
-_COMMON_WIDTHS = 4, 8, _MOST_COLUMNS  # widths of tables that structures of similar size share
 _NO_ROW = 2**32 - 1  # a position past every end
 
 
@@ -69,7 +68,6 @@ def make_assembly_map(
     n: int,
     source: Int[np.ndarray, " k"] | None = None,
     m: int | None = None,
-    step: int = 0,
 ) -> AssemblyMap:
     """Make the `AssemblyMap` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
@@ -78,8 +76,6 @@ def make_assembly_map(
         n: number of sums; a sum without rows is zero.
         source: index of the row, [k]; a row may be added to several sums. None for rows 0, 1, 2 ...
         m: number of rows of the array, if `source` is given.
-        step: if it is given, the number of rows of the first table is a multiple of it, and the
-            width one of a few, so that similar maps have arrays of equal shape.
     """
     of_rows = None
     if source is None or m is None:
@@ -89,7 +85,7 @@ def make_assembly_map(
     member, owner = source[used], target[used]
     place = np.full(n, m)
     count = np.bincount(owner, minlength=n)
-    width = _common_table_width(count) if step else _best_table_width(count)
+    width = _best_table_width(count)
     tables, first = [], m + 1
     while True:  # what has one member has its place, the others are summed
         alone = np.bincount(owner, minlength=n) <= 1
@@ -99,8 +95,6 @@ def make_assembly_map(
         if not len(owner):
             break
         table, owner = _make_partial_sum_table(member, owner, width)
-        if step and not tables:
-            table = np.pad(table, ((0, -len(table) % step), (0, 0)), constant_values=-1)
         first += 0 if not tables else len(tables[-1])
         tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
         member = np.arange(len(owner))
@@ -160,12 +154,6 @@ def _best_table_width(count):
         return total
 
     return min(range(2, min(max(count.max(initial=0), 2), _MOST_COLUMNS) + 1), key=read)
-
-
-def _common_table_width(count):
-    """Return a table width of which there are few, for up to `count` rows, [n], in a sum."""
-    most = min(max(count.max(initial=0), 1), _MOST_COLUMNS)
-    return next(width for width in _COMMON_WIDTHS if width >= most)
 
 
 def _gather_rows(array, positions):

@@ -24,8 +24,6 @@ from .solver import Solver, choose_solver
 # Half-bandwidth up to which batches of small systems are solved as banded systems: the work grows
 # with its square, and so does the program (`banded` has figures).
 _WIDEST_BAND = 40
-# values per unknown of matrices whose pattern is padded to a common size
-_VALUES_PER_UNKNOWN = (*(8, 12, 18, 27), *(40 * 2**k for k in range(30)))
 
 
 @pytree(static=("size", "paired", "symmetric", "solver"))
@@ -96,64 +94,17 @@ def make_pattern(
             Where two groups join the same unknowns with different signs, this is not used.
     """
     numbers = list(numbers)
-    listed = _list_matrix_entries(numbers, size, symmetric, paired)
-    key, _, opposite, _ = listed
+    key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
     entries, target = np.unique(key, return_inverse=True)
     some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
     np.logical_or.at(some, target, opposite)
     np.logical_and.at(all_, target, opposite)
     if (some != all_).any():
         return make_pattern(numbers, size, symmetric, name, exchanges_rows, definite)
-    row, column = entries // size, entries % size
-    band = _band_positions(row, column, size, symmetric)
+    row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
+    band = _band_positions(row, indices, size, symmetric)
     banded = symmetric and band[0] is not None
     solver = choose_solver(size, banded, name, exchanges_rows, definite)
-    signs = some if some.any() else None
-    settings = size, tuple(paired), symmetric, solver
-    return _pattern_on_entries(entries, band, signs, listed, settings)
-
-
-def pad_pattern(
-    pattern: Pattern, numbers: Iterable[Int[np.ndarray, "n_elem d"]], size: int
-) -> Pattern:
-    """Return a larger pattern for the same matrix, with a size that similar matrices share.
-
-    The further unknowns have an entry on the diagonal, which no element adds to. All arrays have
-    one of few shapes: among the values are some that stay zero. The result is not for batches
-    (`jax.vmap`): it has no `band`.
-
-    Args:
-        pattern: pattern of the matrix, without paired elements.
-        numbers: unknowns of the rows of element matrices, as for `make_pattern`; `size` or more for
-            a row that is left out.
-        size: number of unknowns of the result.
-    """
-    symmetric = pattern.symmetric
-    listed = _list_matrix_entries(list(numbers), size, symmetric, ())
-    entries = np.union1d(listed[0], np.arange(size, dtype=np.int64) * (size + 1))
-    row, column = entries // size, entries % size
-    order = np.arange(size)
-    if symmetric and size <= _WIDEST_BAND**2:
-        order, _ = narrow_band_order(_symmetric_matrix(row, column, size))
-    count = next(k * size for k in _VALUES_PER_UNKNOWN if k * size >= len(entries))
-    entries = _fill_near_diagonal(entries, order, size, symmetric, count)
-    none, settings = (None,) * 4, (size, (), symmetric, pattern.solver)
-    return _pattern_on_entries(entries, none, None, listed, settings, 2 * size)
-
-
-def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
-    """Return the `Pattern` with these entries (row times size plus column, ascending).
-
-    Args:
-        entries: its entries, [n_value].
-        band: `order`, `place`, `band` and `upper_band`, or four None.
-        signs: `opposite`, or None.
-        listed: entries of element matrices, as `_list_matrix_entries` returns them.
-        settings: the static fields.
-        step: as for `make_assembly_map`.
-    """
-    (key, source, _, m), (size, _, symmetric, solver) = listed, settings
-    row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
     indptr = np.searchsorted(row, np.arange(size + 1)).astype(np.int32)
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
     assert (row[diagonal] == indices[diagonal]).all()  # every unknown belongs to an element
@@ -162,12 +113,12 @@ def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
     arrays = indptr, indices, unsigned_indices(diagonal), row, np.frombuffer(digest, np.uint32)
-    arrays = *arrays, *band, table, signs
+    arrays = *arrays, *band, table, some if some.any() else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m, step)
+        found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m)
         sums = jax.tree.map(jax.device_put, found)
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in arrays]
-    return Pattern(sums, *placed, *settings)
+    return Pattern(sums, *placed, size, tuple(paired), symmetric, solver)
 
 
 def _list_matrix_entries(numbers, size, symmetric, paired):
@@ -229,24 +180,6 @@ def _symmetric_matrix(rows, columns, size):
     """Return a symmetric SciPy matrix with entries that are not zero at `rows` and `columns`."""
     upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
     return upper + upper.T
-
-
-def _fill_near_diagonal(entries, order, size, symmetric, count):
-    """Add entries to a list of them until there are `count`: those nearest to the diagonal.
-
-    Unknowns are in the order `order`, in which the other entries are near the diagonal, too. Unless
-    only the upper triangle is stored (`symmetric`), entries come in pairs that mirror each other.
-    """
-    each = 1 if symmetric else 2
-    for away in range(1, size):
-        if len(entries) == count:
-            break
-        pair = order[:-away].astype(np.int64), order[away:].astype(np.int64)
-        low, high = np.minimum(*pair), np.maximum(*pair)
-        new = np.setdiff1d(low * size + high, entries)[: (count - len(entries)) // each]
-        mirrored = new % size * size + new // size
-        entries = np.union1d(entries, new if symmetric else np.append(new, mirrored))
-    return entries
 
 
 def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:

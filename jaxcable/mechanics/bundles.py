@@ -73,12 +73,8 @@ class Bundles(NamedTuple):
 
     def split(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
         """Split pytrees of arrays, one per bundle with elements on `axis`, into one per group."""
-        return per_bundle if self.are_groups else self.take_groups(per_bundle, axis)
-
-    def take_groups(
-        self, per_bundle: Any, axis: int = 0
-    ) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Do as `split` where the arrays of a bundle may have further elements after its own."""
+        if self.are_groups:
+            return per_bundle
         found: list[Any] = [None] * len(self.sizes)
         for numbers, whole in zip(self.group_indices, per_bundle, strict=True):
             start = 0

@@ -227,8 +227,6 @@ class Elementwise:
 
     def length_scale(self) -> Float[Array, ""]:
         """Return the mean initial length of elements, m, by which steps are measured."""
-        if self.dof_map is not None and self.dof_map.mean_lengths is not None:
-            return self.dof_map.mean_lengths[0]
         return mean_length(self.groups, self.nodes)
 
     def extent(self) -> Float[Array, ""]:

@@ -26,10 +26,10 @@ def pad_to_equal(sections: Sequence[Section]) -> list[Section]:
     They must have the same `padding_key`.
     """
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
-    return [split_last_fibres(section, counts) for section in sections]
+    return [_split_last_fibres(section, counts) for section in sections]
 
 
-def split_last_fibres(section: Section, counts: tuple[int, ...]) -> Section:
+def _split_last_fibres(section: Section, counts: tuple[int, ...]) -> Section:
     """Return a section with `counts` fibres of each law, by splitting each law's last fibre.
 
     Forces are unchanged. The mesh of the section, which is for pictures, is left out.

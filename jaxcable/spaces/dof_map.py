@@ -96,8 +96,6 @@ class DofMap:
         supported: True where a support fixes a dof, [n_row, n_freedom]; others are `fixed` because
             they are inactive: no element of the phase is joined to them. None if supports fix all
             of them.
-        mean_lengths: mean initial lengths of all elements and of those with rotations, [2], m, by
-            which steps are measured and spins are scaled; None: they are computed.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -113,7 +111,6 @@ class DofMap:
     nodal_assembly: linear.AssemblyMap | None = None
     unknown_assembly: linear.AssemblyMap | None = None
     supported: Bool[ArrayLike, "n_row n_freedom"] | None = None
-    mean_lengths: Float[ArrayLike, " 2"] | None = None
 
     @property
     def fixed_by_supports(self) -> Bool[ArrayLike, "n_row n_freedom"]:

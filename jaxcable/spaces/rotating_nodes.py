@@ -87,9 +87,8 @@ class RotatingNodes(Space):
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system; `rotation_length` is the mean length of rotating elements."""
-        known = None if dof_map is None else dof_map.mean_lengths
         turning = [group for group in groups if group.rotates]
-        arm = known[1] if known is not None else lax.stop_gradient(mean_length(turning, nodes))
+        arm = lax.stop_gradient(mean_length(turning, nodes))
         return cls(dof_map, prescribed, nodes, arm, support_rotation)
 
     # --- motions

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..common import checks, status
-from ..common.python_objects import digest_of_bytes
+from ..common.digest import digest_of_bytes
 from .cases import Cases, require_name
 from .grid import ChunkGrid
 

@@ -24,7 +24,7 @@ from ..analysis.batches import batched
 from ..common import digest, status
 from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
-from ..common.program_store import keep_programs, kept_programs_folder
+from ..common.kept_programs import keep_programs, kept_programs_folder
 from ..common.types import PyTree
 from ..evaluation.program_calls import as_program
 from .cases import Block, Cases

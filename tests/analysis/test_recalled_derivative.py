@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.analysis import derivative_programs, one_phase, phase_loop
+from jaxcable.analysis import one_phase, phase_loop, recalled_derivative
 
 POINTS = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 3.0, 2.0]]
 DOWN = jnp.array([0.0, 0.0, -1.0])
@@ -95,6 +95,40 @@ def test_derivatives_of_a_batch():
     np.testing.assert_allclose(found, alone, rtol=1e-9)
 
 
+NET, (PRESTRESS, LOADING) = jc.scenes.saddle(2, 3, load=200.0)[:2]
+FREE = np.setdiff1d(np.arange(NET.n_node), NET.supports.nodes.array)
+
+
+def scaled_net(scale):
+    """Displacement of a net whose nodes and pretension are scaled."""
+    moved = jc.replace(NET, nodes=NET.nodes * (1 + scale[0] * np.array([[0.0, 0.0, 1.0]])))
+    phases = [jc.replace(PRESTRESS, pretension=1e3 * (1 + scale[1])), LOADING]
+    return jc.solve(moved, phases).displacement[FREE]
+
+
+def test_transformations_of_linear_maps():
+    """What `jax.linearize` and `jax.vjp` return, compiled, batched twice, transposed, later."""
+    scale, change = np.array([0.1, 0.2]), np.array([1.0, 0.5])
+    exact = jax.jit(jax.jacfwd(scaled_net))(scale)
+    found, push = jax.linearize(scaled_net, scale)
+    ones, total = np.ones(found.shape), exact.sum((0, 1))
+    pull = jax.vjp(scaled_net, scale)[1]
+    several = jax.vmap(jax.vmap(push))(np.eye(2)[None])[0]
+    jc.forget_programs()
+    pairs = [
+        (push(change), exact @ change),
+        (jax.jit(push)(change), exact @ change),
+        (several, np.moveaxis(exact, -1, 0)),
+        (pull(ones)[0], total),
+        (jax.jit(pull)(ones)[0], total),
+        (jax.linear_transpose(push, scale)(ones)[0], total),
+        (jax.grad(lambda x: pull(x)[0] @ change)(ones), exact @ change),
+        (jax.jacrev(scaled_net)(scale), exact),
+    ]
+    for own, other in pairs:
+        np.testing.assert_allclose(own, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
 def test_nothing_is_solved_again(monkeypatch):
     """The value is the program of `solve`; its derivative traces no iteration."""
     measure, load = KINDS["net"]
@@ -106,12 +140,12 @@ def test_nothing_is_solved_again(monkeypatch):
         raise AssertionError("the increments are solved again")
 
     monkeypatch.setattr(one_phase.newton, "solve_increments", refuse)
-    derivative_programs.adjoint_of_solution.known.clear()
+    recalled_derivative.adjoint_of_solution.known.clear()
     rate = jax.grad(measure)(load, nodes)
     assert set(phase_loop.analyse.known) == before
-    assert len(derivative_programs.adjoint_of_solution.known) == 1
+    assert len(recalled_derivative.adjoint_of_solution.known) == 1
     jax.grad(measure)(1.1 * load, 1.001 * nodes)
-    assert len(derivative_programs.adjoint_of_solution.known) == 1
+    assert len(recalled_derivative.adjoint_of_solution.known) == 1
     h = 1e-3 * load  # error of fourth order: 1e-12 of the fifth derivative
     f = [measure(load + k * h, nodes) for k in (-2, -1, 1, 2)]
     np.testing.assert_allclose(rate, (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h), rtol=1e-7)

@@ -20,7 +20,6 @@ import scenes
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.cli.parser import parser
-from jaxcable.common import compile_notice
 from jaxcable.files import FileError, codec
 
 ROOT = Path(__file__).parents[2]
@@ -519,7 +518,6 @@ QUIET = {
     "optimize": None,  # in `test_optimize_that_fails_writes_nothing_unasked`
     "convert": "net.json --save net.dxf",
     "schema": "",
-    "warm": None,  # `test_warm` looks at its programs
     "demo": "",
 }
 
@@ -545,22 +543,6 @@ def test_quiet_prints_errors(scene, refused, capsys):
     assert refused("info none.json --quiet").endswith("No such file or directory")
     assert command("info net.json") == 0  # stdout is back
     assert capsys.readouterr().out.startswith("scene of 12 nodes")
-
-
-@pytest.mark.parametrize("how", ["--tension 9000", "--force-density 900"])
-def test_compiling_is_said_in_a_terminal(how, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compile_notice, "_PAUSE", 1e-3)
-    jc.save_scene("saddle.json", jc.scenes.saddle(2, 3))
-    assert command(f"form saddle.json {how}") == 0
-    out, err = capsys.readouterr()
-    assert "compiling" not in err + out
-    monkeypatch.setattr(compile_notice, "_UNATTENDED", ())  # pytest, CI
-    monkeypatch.setattr(compile_notice, "_is_terminal", lambda stream: True)
-    jc.forget_programs()
-    assert command(f"form saddle.json {how}") == 0
-    out, err = capsys.readouterr()
-    assert err.count("\rcompiling the solver") == 1 and " \r" in err and "compiling" not in out
 
 
 def test_demo_prints_its_table_and_writes_its_picture(tmp_path, monkeypatch, capsys):
@@ -654,19 +636,6 @@ def test_an_error_of_the_program_is_not_hidden(scene, monkeypatch):
         command("solve net.json")
 
 
-@pytest.mark.skipif(os.name != "posix", reason="modes of POSIX")
-def test_programs_are_not_kept_where_others_can_write(scene, capsys, monkeypatch):
-    (scene / "kept").mkdir()
-    (scene / "kept").chmod(0o777)
-    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(scene / "kept"))
-    assert command("info net.json") == 0
-    said = capsys.readouterr().err
-    assert said.startswith("jaxcable: warning: ") and said.count("\n") == 1
-    assert "other users can write to it" in said and "no programs are kept" in said
-    assert command("info net.json --quiet") == 0
-    assert capsys.readouterr().err == "" and not list((scene / "kept").iterdir())
-
-
 # --- comments in scenes
 
 
@@ -727,24 +696,19 @@ WHOLE = """
 """
 
 
-def test_a_process_keeps_its_program_and_draws_without_a_display(scene):
+def test_a_process_draws_without_a_display(scene):
     """Its reader may have gone, as in ``jaxcable solve ... | head -1``: what is to be saved is."""
-    places = {"JAXCABLE_PROGRAMS": str(scene / "kept"), "JAX_COMPILATION_CACHE_DIR": "unused"}
-    around = environment(**places, DISPLAY="", MPLBACKEND="TkAgg")
+    around = environment(DISPLAY="", MPLBACKEND="TkAgg")
     words = "solve net.json --save r.npz --plot net.png"
     whole = f"{shlex.quote(sys.executable)} -u -m jaxcable {words} | true"
     run = subprocess.run(whole, shell=True, capture_output=True, text=True, env=around, check=False)
     assert run.stdout == "" and run.stderr == ""
     assert jc.files.load_result("r.npz")["status"] == 0
     assert Path("net.png").read_bytes().startswith(b"\x89PNG")
-    kept = scene / "kept" / "programs"
-    made = {path.stat().st_ino for path in kept.glob("*.program")}
-    assert made
-    # another one finds it, and fuses loops: it is the command's own
+    # by its function, without words
     run = [sys.executable, "-c", textwrap.dedent(WHOLE)]
     run = subprocess.run(run, capture_output=True, text=True, env=around, check=False)
     assert run.returncode == 0 and run.stdout.startswith("status 0: converged"), run.stderr
-    assert {path.stat().st_ino for path in kept.glob("*.program")} == made
 
 
 @pytest.mark.parametrize("begun", [False, True])

@@ -1,4 +1,4 @@
-"""A command that another program runs leaves its settings: of jax, warnings, kept programs."""
+"""A command that another program runs leaves its settings: of jax and of warnings."""
 
 import os
 import subprocess
@@ -12,12 +12,10 @@ INSIDE = """
     import jax, matplotlib
     import jaxcable as jc
     from jaxcable.cli import main
-    from jaxcable.common import program_store
 
     def settings():
         backend = dict.__getitem__(matplotlib.rcParams, "backend")
-        own = list(program_store._open_place), list(program_store._jax_settings_before)
-        return dict(jax.config.values), list(warnings.filters), dict(os.environ), str(backend), own
+        return dict(jax.config.values), list(warnings.filters), dict(os.environ), str(backend)
 
     def run(dtype):
         before = settings()
@@ -36,13 +34,13 @@ INSIDE = """
 
 
 def test_a_program_that_runs_commands_keeps_its_settings(tmp_path):
-    """Of jax, warnings, kept programs, whatever they are."""
+    """Of jax and of warnings, whatever they are; programs are kept where it has said so."""
     flags = os.environ.get("XLA_FLAGS", "").split()
     flags = [flag for flag in flags if not flag.startswith("--xla_backend_extra_options")]
-    around = environment(XLA_FLAGS=" ".join(flags), JAXCABLE_PROGRAMS=str(tmp_path / "programs"))
+    around = environment(XLA_FLAGS=" ".join(flags))
     for name in ("JAX_ENABLE_X64", "JAX_COMPILATION_CACHE_DIR"):
         around.pop(name, None)
     run = [sys.executable, "-c", textwrap.dedent(INSIDE)]
     run = subprocess.run(run, cwd=tmp_path, env=around, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert list((tmp_path / "programs" / "programs").glob("*.program"))  # kept meanwhile
+    assert list((tmp_path / "own").glob("*-cache"))

@@ -16,8 +16,7 @@ import pytest
 from test_keeping import product
 
 import jaxcable as jc
-from jaxcable.common import compilation, fusion, jax_internals, program_store
-from jaxcable.common.program_folder import open_program_folder
+from jaxcable.common import compilation, fusion, jax_internals
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE, PHASES = jc.scenes.flat_net()
@@ -185,30 +184,6 @@ def test_without_a_cache_of_jax(tmp_path, without, nothing_kept):
         jc.keep_programs(tmp_path)
 
 
-def test_without_a_setting_for_one_thread(without):
-    without("jax._src.config")
-    least = jax.config.jax_persistent_cache_min_compile_time_secs
-    with jax_internals.without_jax_cache():
-        assert jax.config.jax_persistent_cache_min_compile_time_secs == least
-
-
-def test_without_names_of_lapack(without, monkeypatch):
-    """A small program is lowered instead, for which jax loads LAPACK."""
-    without("jaxlib.lapack")
-    compiled, jit = [], jax.jit
-    monkeypatch.setattr(jax, "jit", lambda function: compiled.append(function) or jit(function))
-    jax_internals.preload_lapack.cache_clear()
-    jax_internals.preload_lapack()
-    jax_internals.preload_lapack.cache_clear()
-    assert compiled == [jnp.linalg.cholesky]
-
-
-def test_without_a_serializer(without, tmp_path):
-    without("jax.experimental.serialize_executable")
-    assert jax_internals.program_serializer() is None
-    assert program_store._load_program(open_program_folder(tmp_path, 9), 32 * "0", []) is None
-
-
 def test_without_quick_options(monkeypatch):
     """jax 0.12 has none."""
     if jax.default_backend() == "cpu":
@@ -252,7 +227,7 @@ def test_whether_jax_has_started_may_not_be_known(monkeypatch):
     monkeypatch.setattr(jax_internals, "_flags", [])
     monkeypatch.setattr(jax_internals, "_warned_features", set())
     monkeypatch.setenv("XLA_FLAGS", "")
-    settings = jax_internals.jax_settings()["jax_cpu_enable_async_dispatch"]
+    settings = jax.config.values["jax_cpu_enable_async_dispatch"]
     try:
         with pytest.warns(RuntimeWarning, match="loops are not fused if jax has computed"):
             jc.fuse_loops()

@@ -116,21 +116,6 @@ def test_wrong_listeners_are_named(scene):
     assert as_listener(True) is as_listener(True)  # one object: no second compilation
 
 
-@pytest.mark.parametrize(
-    "work",
-    [
-        lambda show: jc.raise_if_failed(jc.solve(*jc.scenes.saddle(2, 2), progress=show)),
-        lambda show: jc.minimize(lambda x: jnp.sum((x - 2.0) ** 4), jnp.zeros(3), progress=show),
-    ],
-    ids=["solve", "minimize"],
-)
-def test_long_compilation_is_said(work):
-    show = Printer(pause=1e-3, stream=io.StringIO())
-    work(show)
-    jax.effects_barrier()
-    assert show.stream.getvalue().splitlines()[0].startswith("compiling the solver")
-
-
 def test_short_work_is_silent_and_known_programs_are_not_compiled(scene):
     show = Printer(pause=1e3, stream=io.StringIO())
     jc.raise_if_failed(jc.solve(*scene, progress=show))
@@ -140,4 +125,3 @@ def test_short_work_is_silent_and_known_programs_are_not_compiled(scene):
     jc.raise_if_failed(jc.solve(*scene, progress=show))
     jax.effects_barrier()
     assert "phase 2 of 2" in show.stream.getvalue()
-    assert "compiling" not in show.stream.getvalue()

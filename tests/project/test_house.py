@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "jaxcable"
 
 FLOORS = """
-    common; linear, standards; numerics; materials; sections; elements; spaces; model; loads;
-    mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies,
+    common; evaluation; linear, standards; numerics; materials; sections; elements; spaces; model;
+    loads; mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies,
     reliability; scenes; plots, files; reporting, catalogue; cli, extend; __init__, __main__
 """
 LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
