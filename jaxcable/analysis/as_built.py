@@ -51,7 +51,7 @@ from .length_search import search, solve_dense
 from .phases import Phase, as_phases
 from .preparation import prepare
 from .recalled_derivative import without_derivatives
-from .sensitivity import measured_results_and_jacobian
+from .sensitivity import MeasuredAnalysis
 from .solution import Solution, State
 from .statements import AS_BUILT_STATEMENTS, are_as_built, end_tension_as_jack
 
@@ -276,11 +276,13 @@ def _find_unknowns(arguments, run, concrete):
     def phases_of(m):
         return _with_strains(*given, m)
 
+    measured = MeasuredAnalysis(
+        structure, phases_of, lambda s: _errors(s, *given), _MEASURED, method, start
+    )
+
     def evaluate(m):
         if concrete:
-            return measured_results_and_jacobian(
-                structure, phases_of, lambda s: _errors(s, *given), _MEASURED, m, method, start
-            )
+            return measured(m)
 
         def errors(m):
             solution = run(structure, phases_of(m), method, start)

