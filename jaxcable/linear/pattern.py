@@ -118,7 +118,8 @@ def make_pattern(
         found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m)
         sums = jax.tree.map(jax.device_put, found)
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in arrays]
-    return Pattern(sums, *placed, size, tuple(paired), symmetric, solver)
+    fields: list[Any] = [sums, *placed, size, tuple(paired), symmetric, solver]
+    return Pattern(*fields)
 
 
 def _list_matrix_entries(numbers, size, symmetric, paired):
