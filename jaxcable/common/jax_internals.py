@@ -366,7 +366,7 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
 
 def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
     """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device."""
-    device = jax.config.jax_default_device
+    device = getattr(jax.config, "jax_default_device", None)
     return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
 
 

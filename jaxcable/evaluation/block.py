@@ -179,8 +179,8 @@ class Block:
         entries = math.prod(held or ())
         names = tuple(x.name for x in inputs)
         if all(x.depth == 0 for x in inputs) and entries <= _LARGEST_FOLDED and shape is not None:
-            x = eval(template.format(*names), self.names.space)
-            return self.names.constant(x, shape)
+            known = eval(template.format(*names), self.names.space)
+            return self.names.constant(known, shape)
         block = self._outermost(inputs)
         found = block.find(template, names)
         if found is None:
@@ -267,9 +267,8 @@ class Block:
             return x
         if x.depth == 0:
             held = np.broadcast_to(self.names.known[x.name], x.shape)
-            ones = np.array(held)
             name = self.names.new("c")
-            self.names.space[name] = self.names.known[name] = ones
+            self.names.space[name] = self.names.known[name] = np.array(held)
             return Value(name, x.shape, x.dtype, x.shape, 0)
         ones = self.names.helper(np.ones, x.shape, x.dtype)
         sign = "&" if np.dtype(x.dtype) == bool else "*"

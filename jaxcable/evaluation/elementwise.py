@@ -43,7 +43,7 @@ FUNCTIONS = {"np": np, "special": special}
 
 def held_together(values: Sequence[Value]) -> tuple[int, ...]:
     """Return the shape in which NumPy holds the result of an operation on each entry."""
-    return np.broadcast_shapes(*(x.held for x in values))
+    return np.broadcast_shapes(*(x.held or () for x in values))
 
 
 def write_each(block: Block, template: str, inputs: Sequence[Value], aval: Any) -> list[Value]:

@@ -26,7 +26,7 @@ def count_equations(program: Any) -> int:
     return count(program.jaxpr)
 
 
-def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], tuple[np.ndarray, ...]]:
+def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], list[np.ndarray]]:
     """Return the function that computes a closed jaxpr by NumPy.
 
     It takes a list of arrays and a list [work done, most work]; it raises `LimitReachedError`

@@ -19,7 +19,8 @@ def _aval(equation, k=0):
 def _dot_general(block, equation, inputs):
     a, b = inputs
     shape, dtype = _aval(equation)
-    (of_a, of_b), (batch_a, batch_b) = equation.params["dimension_numbers"]
+    numbers = equation.params["dimension_numbers"]
+    (of_a, of_b), (batch_a, _) = numbers
     a, b = block.full(a), block.full(b)
     plain = not batch_a and len(of_a) == 1 and max(len(a.shape), len(b.shape)) <= 2
     if plain and len(a.shape) and len(b.shape):
@@ -27,7 +28,7 @@ def _dot_general(block, equation, inputs):
         right = "{1}" if of_b[0] == 0 else "{1}.T"
         text = f"{left}.dot({right})"
     else:
-        text = _stacked_product(a.shape, b.shape, shape, equation.params["dimension_numbers"])
+        text = _stacked_product(a.shape, b.shape, shape, numbers)
     if a.dtype != dtype or b.dtype != dtype:
         text = f"({text}).astype('{dtype}')"
     return [block.write(text, [a, b], shape, dtype)]

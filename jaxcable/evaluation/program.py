@@ -41,7 +41,7 @@ class Program:
         self._tree: Any = None
         self.work = 0.0
         self._has_rules = True
-        self._numpy: Callable[..., Any] | None = None
+        self._numpy: Callable[..., list[np.ndarray]] | None = None
         self._xla: Callable[..., Any] | None = None
         self._derived: dict[Hashable, Any] = {}
         self._lock = threading.RLock()
@@ -143,7 +143,7 @@ class MappedProgram(Program):
         return self._base.tree
 
     @property
-    def n_equation(self) -> int:  # type: ignore[override]
+    def n_equation(self) -> int:
         """Number of equations that XLA would compile: batched loops have more than their case."""
         return 2 * self._base.n_equation
 

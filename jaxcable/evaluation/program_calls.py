@@ -12,7 +12,7 @@ import threading
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -72,14 +72,15 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
             found = program.run(leaves)
         return program.tree.unflatten(found)
 
-    run.known = known.programs
-    return run
+    made: Any = run
+    made.known = known.programs  # for tests
+    return made
 
 
 class _KnownPrograms:
     """The last `MOST_PROGRAMS` programs of a function, by key."""
 
-    every: weakref.WeakSet[_KnownPrograms] = weakref.WeakSet()
+    every: ClassVar[weakref.WeakSet[_KnownPrograms]] = weakref.WeakSet()
 
     def __init__(self):
         self.programs: OrderedDict[Any, Program] = OrderedDict()
