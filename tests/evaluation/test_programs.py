@@ -1,0 +1,332 @@
+"""Programs outside of `jit`: the same by NumPy and by XLA, and when which of them runs."""
+
+import signal
+import threading
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import jaxcable as jc
+from jaxcable.analysis import phase_loop
+from jaxcable.common import status
+from jaxcable.evaluation import decision
+from jaxcable.evaluation.program import Program
+from jaxcable.evaluation.program_calls import as_program
+
+
+@pytest.fixture(autouse=True)
+def _as_before():
+    with jc.evaluation("auto"):
+        yield
+
+
+def frame(k):
+    """Two beams and a stay, which carries the load at the tip."""
+    law = jc.Elastic(210e9)
+    beams = jc.Beams([[0, 1], [1, 2]], section=jc.Section.ring(0.3, 0.01, law, shape=(1, 8)))
+    stay = jc.Cables([[3, 2]], axial_stiffness=2e7)
+    nodes = k * jnp.array([[0.0, 0, 0], [2, 0, 0.1], [4, 0, 0], [0, 0, 3]])
+    supports = jc.clamped([0, 3])
+    structure = jc.Structure(nodes, {"beams": beams, "stay": stay}, supports=supports)
+    loads = jc.NodalLoads([2], [0.0, 0.0, -2e4])
+    first = jc.Phase(pretension={"beams": None, "stay": 5e3})
+    return structure, [first, jc.Phase(loads=loads, increments=2)]
+
+
+def net(k):
+    """A flat net under load, of scenes."""
+    structure, phases = jc.scenes.flat_net()
+    return jc.replace(structure, nodes=structure.nodes * k), phases
+
+
+def slack(k):
+    """A net some cables of which go slack."""
+    structure, phases = jc.scenes.saddle(3, 3)
+    loads = jc.NodalLoads([6], [0.0, 0.0, 2e4])
+    return jc.replace(structure, nodes=structure.nodes * k), [phases[0], jc.Phase(loads=loads)]
+
+
+def hanging(k):
+    """A catenary between supports, with a node that it holds."""
+    ropes = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e6, weight=40.0, rest_length=10.4)
+    nodes = k * jnp.array([[0.0, 0, 0], [10, 0, -2], [20, 0, 1]])
+    structure = jc.Structure(nodes, ropes, supports=jc.pinned([0, 2]))
+    return structure, jc.Phase(loads=[jc.SelfWeight()])
+
+
+def failing(k):
+    """A net whose iteration may take one step only."""
+    return *net(k), jc.Newton(max_steps=1)
+
+
+CASES = {"net": net, "slack": slack, "frame": frame, "hanging": hanging, "failing": failing}
+
+
+def analysis(case):
+    """Function of a scale to the solution, and one to a number with all of it."""
+
+    def solve(k):
+        return jc.solve(*CASES[case](k))
+
+    def number(k):
+        solution = solve(k)
+        forces = jax.tree.leaves(solution.tension)
+        return (solution.displacement**2).sum() + sum((x**2).sum() for x in forces) * 1e-9
+
+    return solve, number
+
+
+TRANSFORMATIONS = {
+    "value": lambda solve, number: solve(1.01),
+    "grad": lambda solve, number: jax.grad(number)(1.01),
+    "jvp": lambda solve, number: jax.jvp(number, (1.01,), (1.0,)),
+    "hessian": lambda solve, number: jax.hessian(number)(1.01),
+    "vmap": lambda solve, number: jax.vmap(solve)(jnp.array([1.0, 1.02])),
+    "vmap of grad": lambda solve, number: jax.vmap(jax.grad(number))(jnp.array([1.0, 1.02])),
+}
+# compiled for a minute each
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "transformation",
+    [
+        "value",
+        "grad",
+        pytest.param("jvp", marks=SLOW),
+        pytest.param("hessian", marks=SLOW),
+        "vmap",
+        pytest.param("vmap of grad", marks=SLOW),
+    ],
+)
+def test_numpy_and_xla_agree(case, transformation):
+    """1e-12 of the largest of each result; status, iterations and other integers are equal.
+
+    With slack cables the points differ a little more, by what the tolerance leaves: 1e-11.
+    """
+    transform = TRANSFORMATIONS[transformation]
+    with jc.evaluation("numpy"):
+        ours = transform(*analysis(case))
+    with jc.evaluation("xla"):
+        theirs = transform(*analysis(case))
+    if transformation == "value":
+        assert (ours.status == status.OK) == (case != "failing")
+    pairs = zip(jax.tree_util.tree_leaves_with_path(ours), jax.tree.leaves(theirs), strict=True)
+    whole = max(np.nanmax(np.abs(x), initial=0.0) for x in map(np.asarray, jax.tree.leaves(theirs)))
+    for (path, own), other in pairs:
+        own, other = np.asarray(own), np.asarray(other)
+        assert own.shape == other.shape and own.dtype == other.dtype
+        if own.dtype.kind != "f":
+            np.testing.assert_array_equal(own, other, err_msg=str(path))
+            continue
+        assert (np.isnan(own) == np.isnan(other)).all(), path
+        scale = np.nanmax(np.abs(other), initial=0.0)
+        # differences of the largest numbers, such as unbalanced forces, are rounding
+        atol = (1e-11 if case == "slack" else 1e-12) * scale + 1e-15 * whole
+        np.testing.assert_allclose(own, other, rtol=0, atol=atol, err_msg=str(path))
+
+
+def test_a_first_analysis_compiles_nothing(compilations):
+    jc.forget_programs()
+    solution = jc.solve(*jc.scenes.flat_net())
+    jc.raise_if_failed(solution)
+    assert np.isfinite(np.asarray(solution.phases[1].displacement)).all()
+    assert compilations == []
+
+
+@pytest.fixture
+def compilations():
+    """List of the programs that XLA has compiled since the beginning of the test."""
+    found = []
+
+    def hear(event, _, **about):
+        if "backend_compile" in event:
+            found.append(about)
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    yield found
+    jax.monitoring.unregister_event_duration_listener(hear)
+
+
+# --- the decision
+
+
+@as_program
+def repeat(x, count):
+    """A loop of `count` turns, in which little is done."""
+    return lax.fori_loop(0, count, lambda _, y: jnp.sin(y) + x, x)
+
+
+def programs():
+    """The programs of `repeat`."""
+    return list(repeat.known.values())
+
+
+@pytest.fixture
+def _no_programs():
+    repeat.known.clear()
+
+
+@pytest.mark.usefixtures("_no_programs")
+def test_much_work_is_compiled_and_little_is_not(compilations):
+    for _ in range(20):
+        repeat(1.0, 2)
+    assert compilations == [] and programs()[0].work < 20 * 20
+    repeat(1.0, 10**6)  # one long call: it begins again
+    assert len(compilations) == 1
+    np.testing.assert_allclose(repeat(1.0, 3), np.sin(np.sin(np.sin(1) + 1) + 1) + 1, rtol=1e-14)
+
+
+@pytest.mark.usefixtures("_no_programs")
+def test_the_same_calls_are_decided_alike(compilations):
+    """Work is counted, not timed: the same call is the first one that is compiled."""
+    compiled_at = []
+    for _ in range(2):
+        repeat.known.clear()
+        before, calls = len(compilations), 0
+        while len(compilations) == before:
+            repeat(1.0, 50)
+            calls += 1
+        compiled_at.append(calls)
+    assert compiled_at[0] == compiled_at[1] > 5
+
+
+@pytest.mark.usefixtures("_no_programs")
+def test_ways_can_be_set(compilations):
+    with jc.evaluation("numpy"):
+        repeat(1.0, 10**5)
+        assert compilations == []
+        with jc.evaluation("xla"):
+            repeat(1.0, 2)
+            assert len(compilations) == 1
+        assert decision.way_now() == "numpy"
+    assert decision.way_now() == "auto"
+    jc.evaluation("xla")
+    assert decision.way_now() == "xla"
+    with pytest.raises(ValueError, match="way = 'fast': expected"):
+        jc.evaluation("fast")
+
+
+def test_a_primitive_without_a_rule_is_compiled(compilations):
+    program = Program(lambda x: jnp.linalg.svd(x, compute_uv=False), [np.eye(2)])
+    for _ in range(2):
+        np.testing.assert_allclose(program.run([2 * np.eye(2)])[0], [2.0, 2.0])
+    assert len(compilations) == 1
+
+
+def test_a_program_of_another_size_of_a_batch_is_none_of_its_own(compilations):
+    """Few cases are evaluated one by one."""
+    analyse = jax.vmap(lambda k: jc.solve(*net(k)).tension)
+    first = analyse(jnp.array([1.0, 1.1]))
+    known = len(phase_loop.analyse.known)
+    again = analyse(jnp.array([1.0, 1.1, 1.2]))
+    assert len(phase_loop.analyse.known) == known
+    np.testing.assert_allclose(first, again[:2], rtol=1e-13)
+
+
+# --- interrupts and threads
+
+
+@pytest.mark.usefixtures("_no_programs")
+def test_a_program_can_be_interrupted():
+    """Between its operations, and runs again after that."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    begin = time.perf_counter()
+    try:
+        with jc.evaluation("numpy"), pytest.raises(KeyboardInterrupt):
+            repeat(1.0, 10**9)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - begin < 20.0
+    assert repeat(1.0, 0) == 1.0
+
+
+@pytest.mark.usefixtures("_no_programs")
+def test_threads_share_programs():
+    """Eight threads, each with numbers of its own, in the same two programs."""
+    found = {}
+
+    def work(k):
+        x = np.full(3 + k % 2, float(k))
+        for _ in range(5):
+            found[k] = np.asarray(repeat(x, 40))
+
+    threads = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(8)]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join(60.0)
+        assert not one.is_alive()
+    assert len(programs()) == 2
+    for k, values in found.items():
+        np.testing.assert_allclose(values, np.full(3 + k % 2, repeat(float(k), 40)), rtol=1e-13)
+
+
+# --- derivatives and batches of programs
+
+
+@as_program
+def cubic(x, a):
+    """A function of a vector and a number to two results and an integer."""
+    return {"sum": (a * x**3).sum(), "each": jnp.sin(a) * x}, jnp.argmax(x)
+
+
+X, A = np.array([0.3, -1.2, 2.0]), 0.7
+
+
+def number_of(x, a):
+    found, _ = cubic(x, a)
+    return found["sum"] + (found["each"] ** 2).sum()
+
+
+def plain_number(x, a):
+    return (a * x**3).sum() + ((jnp.sin(a) * x) ** 2).sum()
+
+
+@pytest.mark.parametrize(
+    "derive",
+    [
+        lambda f: jax.grad(f, (0, 1))(X, A),
+        lambda f: jax.jvp(f, (X, A), (np.ones(3), 1.0)),
+        lambda f: jax.hessian(f)(X, A),
+        lambda f: jax.jacfwd(jax.grad(f, 1))(X, A),
+        lambda f: jax.vmap(jax.grad(f), (0, None))(np.stack([X, 2 * X]), A),
+        lambda f: jax.vmap(jax.vmap(f, (None, 0)), (0, None))(np.stack([X, 2 * X]), np.ones(4)),
+        lambda f: jax.grad(lambda a: jax.vmap(lambda x: f(x, a))(np.stack([X, X])).sum())(A),
+        lambda f: jax.grad(jax.grad(jax.grad(f, 1), 1), 1)(X, A),
+        lambda f: jax.jit(jax.grad(f))(X, A),
+        lambda f: jax.linear_transpose(lambda x: jax.jvp(f, (X, A), (x, 0.0))[1], X)(1.0),
+    ],
+)
+def test_derivatives_and_batches_of_programs(derive):
+    with jc.evaluation("numpy"):
+        ours = derive(number_of)
+    theirs = derive(plain_number)
+    for own, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-13)
+
+
+def test_programs_of_functions_that_are_gone_are_gone():
+    import gc
+    import weakref
+
+    def function(x):
+        return x + 1
+
+    program = as_program(function)
+    program(1.0)
+    seen = weakref.ref(function)
+    del function, program
+    gc.collect()
+    assert seen() is None
