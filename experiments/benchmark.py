@@ -27,6 +27,7 @@ NAMES = {  # name: module of `benchmarks`, function, parts, and what it measures
         "nets and batches beside OpenSees [nets hard batches draw]",
     ),
     "first_call": ("first_calls", "first_call", "first calls of ready scenes"),
+    "evaluation": ("evaluations", "run", "calls by NumPy first, and compiled"),
     "kept_programs": ("first_calls", "kept_programs", "memory of programs of many shapes"),
     "gradient_cost": ("gradient_cost", "run", "value and gradient over the value alone"),
     "work_precision": ("work_precision", "run", "time against error, setting by setting"),

@@ -12,6 +12,9 @@ class Cases(NamedTuple):
         batches: load cases of a net of 48 unknowns, plain and with fused loops.
         hard: free nodes on a side of the net with slack cables.
         first_calls: scenes whose first call is measured, by the name in the table.
+        evaluated: scenes whose calls outside of jit are measured, by NumPy and by XLA.
+        evaluated_in_all_kinds: those of which Hessian and batch are measured, too.
+        evaluated_calls: numbers of calls.
         nets: nets of different shape that one process analyses.
         gradients: free nodes on a side, and pairs of calls.
         increments: of the loading phase of a gradient.
@@ -34,6 +37,9 @@ class Cases(NamedTuple):
     batches: tuple
     hard: int
     first_calls: dict
+    evaluated: tuple
+    evaluated_in_all_kinds: tuple
+    evaluated_calls: tuple
     nets: int
     gradients: dict
     increments: tuple
@@ -73,6 +79,12 @@ FULL = Cases(
         "flat net, 8 phases": "phases 8",
         "flat net, 32 phases": "phases 32",
     },
+    evaluated=(
+        *("flat_net", "hypar_net", "geiger_dome", "isolated_cable", "suspended_cable"),
+        *("strung_arch", "guyed_mast", "cable_stayed_bridge"),
+    ),
+    evaluated_in_all_kinds=("flat_net", "isolated_cable"),
+    evaluated_calls=(1, 3, 10, 100, 1000),
     nets=500,
     gradients={2: 201, 10: 61, 20: 61},
     increments=(1, 10, 100),
@@ -96,6 +108,9 @@ QUICK = Cases(
     batches=(10,),
     hard=4,
     first_calls={"flat net": "flat_net"},
+    evaluated=("flat_net",),
+    evaluated_in_all_kinds=(),
+    evaluated_calls=(1, 3),
     nets=2,
     gradients={2: 3},
     increments=(1,),

@@ -19,10 +19,8 @@ Way = Literal["auto", "numpy", "xla"]
 
 # What compiling takes for each equation of a program, in calls of NumPy functions (1.2 us each).
 _COMPILING = 800
-# What tracing and writing a batch takes for each equation.
-_TRACING = 150
 _OVER_CALLS = 0.7  # part of it that earlier calls may have taken before a call is compiled
-_IN_A_CALL = 0.3  # part of it after which a call ends and begins again, compiled
+_IN_A_CALL = 0.35  # part of it after which a call ends and begins again, compiled
 
 _ways: list[Way] = ["auto"]  # the way that is set, in this process
 
@@ -92,8 +90,3 @@ def is_compiled(way: Way, work: float, n_equation: int) -> bool:
 def most_work(way: Way, n_equation: int) -> float:
     """Return the work that a call may do by NumPy."""
     return float("inf") if way == "numpy" else _IN_A_CALL * _COMPILING * n_equation
-
-
-def work_of_tracing(n_equation: int) -> float:
-    """Return the work that takes as long as to trace a program."""
-    return _TRACING * n_equation

@@ -23,6 +23,8 @@ from .writing import LimitReachedError
 # `quick_compile_options`: it is as fast for some hundred unknowns, and up to half as slow again
 # for thousands.
 _QUICK_ENTRIES = 2000
+_SMALL = 300
+"""Equations up to which a batch is evaluated as a whole; a larger one takes too long to trace."""
 
 
 class Program:
@@ -144,8 +146,8 @@ class MappedProgram(Program):
 
     @property
     def n_equation(self) -> int:
-        """Number of equations that XLA would compile: batched loops have more than their case."""
-        return 2 * self._base.n_equation
+        """Number of equations to compile: batched loops have more, and are traced before."""
+        return 3 * self._base.n_equation
 
     @property
     def avals(self) -> list[Any]:
@@ -153,17 +155,13 @@ class MappedProgram(Program):
         return [x.update(shape=(self._n_case, *x.shape)) for x in self._base.avals]
 
     def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
-        """Return the results by NumPy: case by case if tracing the batch is more work."""
-        leaves = [np.asarray(x) for x in leaves]
+        """Return the results by NumPy: case by case unless the program is small."""
+        if self._base.n_equation <= _SMALL and self._n_case > 1:
+            return super().evaluate(leaves, work)
         rows = [
             itertools.repeat(x) if axis is None else np.moveaxis(x, axis, 0)
-            for x, axis in zip(leaves, self._axes, strict=True)
+            for x, axis in zip(map(np.asarray, leaves), self._axes, strict=True)
         ]
-        found = []
-        for case in zip(*rows, strict=False) if self._numpy is None else ():
-            found.append(self._base.evaluate(case, work))
-            if work[0] * self._n_case / len(found) > decision.work_of_tracing(self.n_equation):
-                break  # known after the first case, as a rule
-        if len(found) < self._n_case:
-            return super().evaluate(leaves, work)
+        cases = itertools.islice(zip(*rows, strict=False), self._n_case)
+        found = [self._base.evaluate(case, work) for case in cases]
         return [np.stack(parts) for parts in zip(*found, strict=True)]
