@@ -37,7 +37,7 @@ FAULTS = (
         "broken if among is None else broken & among", "broken",
         "traced values of some elements are refused for zeros that stand for the others"),
     Fault("evaluation/block.py",
-        "while block.is_loop and depth < block.depth:", "while block.is_loop and depth <= block.depth:",
+        "block.is_loop and depth < block.depth", "block.is_loop and depth <= block.depth",
         "what changes in a loop is computed once, before it"),
     Fault("evaluation/control_flow.py",
         "found[:n_carry], *ys]", "initial[:n_carry], *ys]",

@@ -38,9 +38,7 @@ def run(cases, _):
             own = f"{ours['s'][0] / unit:.2f} ({theirs['s'][0] / unit:.1f})"
             cells.append(f"{own:>17} {ours['compiled']:4d}")
         say(f"{scene:20}{unit:6.2f}" + "".join(cells))
-    say(
-        "\nSeconds of so many calls: by default / by NumPy alone / by XLA alone; over the better one\n"
-    )
+    say("\nSeconds of so many calls: by default / NumPy alone / XLA alone; over the better one\n")
     say(f"{'':28}" + "".join(f"{count:>27}" for count in cases.evaluated_calls))
     for scene, kind in (("flat_net", "plain"), ("guyed_mast", "plain"), ("flat_net", "batch")):
         most = cases.evaluated_calls[-1]
