@@ -20,7 +20,7 @@ Way = Literal["auto", "numpy", "xla"]
 # What compiling takes for each equation of a program, in calls of NumPy functions (1.2 us each).
 _COMPILING = 800
 _OVER_CALLS = 0.7  # part of it that earlier calls may have taken before a call is compiled
-_IN_A_CALL = 0.35  # part of it after which a call ends and begins again, compiled
+_IN_A_CALL = 0.25  # part of it after which a call ends and begins again, compiled
 
 _ways: list[Way] = ["auto"]  # the way that is set, in this process
 

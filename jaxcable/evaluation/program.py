@@ -147,7 +147,7 @@ class MappedProgram(Program):
     @property
     def n_equation(self) -> int:
         """Number of equations to compile: batched loops have more, and are traced before."""
-        return 3 * self._base.n_equation
+        return 4 * self._base.n_equation
 
     @property
     def avals(self) -> list[Any]:
