@@ -38,7 +38,7 @@ PATH_LOST = 23
 SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
 STATIONARY = 26
-NOT_AS_BUILT = 28
+NOT_AS_BUILT = 27
 
 NAMES: dict[int, str] = {
     code: name
@@ -46,8 +46,6 @@ NAMES: dict[int, str] = {
     if name.isupper() and isinstance(code, int)
 }
 """Names of the codes that results have, by code."""
-
-NEEDS_FALLBACKS = 27  # of `reliability.search` while it goes on; no result has it
 
 _TEXTS = {
     OK: "converged",

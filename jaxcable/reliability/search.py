@@ -64,7 +64,7 @@ class SearchState(NamedTuple):
         penalty: factor of the absolute limit state in the merit.
         iterations, evaluations, failures: accepted steps; evaluations of the limit state; those
             among them that were NaN or infinite.
-        code: status; NEEDS_FALLBACKS while the search goes on.
+        code: status; below zero while the search goes on.
         running: whether it goes on.
     """
 
@@ -83,7 +83,7 @@ class SearchState(NamedTuple):
         return self.point.u + self.length * self.step
 
 
-_RUNNING = status.NEEDS_FALLBACKS  # no result has this code
+_RUNNING = -1  # no status
 
 
 def begin_search(start: Float[Array, " n"], valid: Bool[Array, ""]) -> SearchState:

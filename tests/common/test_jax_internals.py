@@ -16,7 +16,8 @@ import pytest
 from test_keeping import product
 
 import jaxcable as jc
-from jaxcable.common import compilation, fusion, jax_internals
+from jaxcable.common import fusion, jax_internals
+from jaxcable.evaluation.program_calls import as_program
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE, PHASES = jc.scenes.flat_net()
@@ -172,9 +173,8 @@ def test_whether_a_derivative_is_taken_of_numbers():
 
 def test_where_a_program_is_and_is_not():
     """Within a program nothing runs by itself."""
-    run = compilation.jit_program(lambda x: 2 * x)
-    assert float(jax.jit(lambda: run(np.ones(()), size=1))()) == 2.0 and not run.known
-    compilation._PROGRAMS.remove(run)
+    run = as_program(lambda x: 2 * x)
+    assert float(jax.jit(lambda: run(np.ones(())))()) == 2.0 and not run.known
     assert product() == 6.0
 
 
@@ -188,7 +188,7 @@ def test_without_quick_options(monkeypatch):
     """jax 0.12 has none."""
     if jax.default_backend() == "cpu":
         assert (jax_internals.quick_compile_options() is None) == (jax.__version_info__ >= (0, 12))
-    monkeypatch.setattr(compilation, "quick_compile_options", lambda: None)
+    monkeypatch.setattr(jax_internals, "quick_compile_options", lambda: None)
     assert product() == 6.0
 
 

@@ -17,9 +17,11 @@ import pytest
 from test_digest import module_texts
 
 import jaxcable as jc
-from jaxcable.common import compilation, kept_programs
+from jaxcable.common import kept_programs
 from jaxcable.common.checks import warn_user, without_warnings
 from jaxcable.common.compilation import without_garbage_collection
+from jaxcable.evaluation import program_calls
+from jaxcable.evaluation.program_calls import as_program
 from jaxcable.numerics import vectors
 
 # --- other processes
@@ -97,9 +99,8 @@ def test_another_process_does_not_compile(tmp_path):
 
 def product():
     """1 + 2 + 3, by a program that this process knows as little as a new one does."""
-    run = compilation.jit_program(vectors.scalar_product)
-    compilation._PROGRAMS.remove(run)
-    return float(run(np.arange(1.0, 4.0), np.ones(3), size=9))
+    with jc.evaluation("xla"):
+        return float(as_program(vectors.scalar_product)(np.arange(1.0, 4.0), np.ones(3)))
 
 
 def test_jax_keeps_programs_meanwhile(nothing_kept, tmp_path):
@@ -175,38 +176,37 @@ def test_the_folder_for_caches(tmp_path, monkeypatch, nothing_kept):
 # --- programs in memory
 
 
-def test_forgotten_programs_are_compiled_again():
-    run = compilation.jit_program(vectors.scalar_product)
-    before = run(np.ones(3), np.ones(3), size=9)
+def test_forgotten_programs_are_made_again():
+    run = as_program(vectors.scalar_product)
+    before = run(np.ones(3), np.ones(3))
     assert len(run.known) == 1
     jc.forget_programs()
-    assert not any(own.known for own in compilation._PROGRAMS)
-    assert float(before) == float(run(np.ones(3), np.ones(3), size=9)) == 3.0
-    compilation._PROGRAMS.remove(run)
+    assert not run.known
+    assert float(before) == float(run(np.ones(3), np.ones(3))) == 3.0
 
 
 def test_as_many_programs_as_are_allowed(monkeypatch):
-    monkeypatch.setattr(compilation, "MOST_PROGRAMS", 3)
-    run = compilation.jit_program(lambda x: 2 * x)
+    monkeypatch.setattr(program_calls, "MOST_PROGRAMS", 3)
+    run = as_program(lambda x: 2 * x)
     for n in (1, 2, 3, 4, 2, 5):
-        np.testing.assert_array_equal(run(np.ones(n), size=9), 2 * np.ones(n))
+        np.testing.assert_array_equal(run(np.ones(n)), 2 * np.ones(n))
     lengths = [program[1][0][0][0] for program in run.known]
     assert lengths == [4, 2, 5]  # those of the last calls
-    compilation._PROGRAMS.remove(run)
 
 
-def test_where_an_argument_lives_and_its_type_matter():
-    run = compilation.jit_program(lambda x, y: x + y)
+@pytest.mark.parametrize("way", ["numpy", "xla"])
+def test_where_an_argument_lives_and_its_type_matter(way):
+    run = as_program(lambda x, y: x + y)
     there = jax.device_put(np.float64(2.0), jax.devices()[0])
     given = [np.float64(2.0), 2.0, 2, np.float32(2.0), there, jnp.asarray(2.0)]
-    for x in given:
-        assert float(run(x, np.float64(1.0), size=9)) == 3.0
-    assert len(run.known) == len(given)
-    for x in (jnp.float64(2.0), jnp.float32(2.0)):  # bound to no device: as those of NumPy
-        assert float(run(x, np.float64(1.0), size=9)) == 3.0
-    assert len(run.known) == len(given)
-    assert run(jnp.float32(2.0), np.float32(1.0), size=9).dtype == np.float32
-    compilation._PROGRAMS.remove(run)
+    with jc.evaluation(way):
+        for x in given:
+            assert float(run(x, np.float64(1.0))) == 3.0
+        assert len(run.known) == len(given)
+        for x in (jnp.float64(2.0), jnp.float32(2.0)):  # bound to no device: as those of NumPy
+            assert float(run(x, np.float64(1.0))) == 3.0
+        assert len(run.known) == len(given)
+        assert run(jnp.float32(2.0), np.float32(1.0)).dtype == np.float32
 
 
 # --- threads
