@@ -19,7 +19,6 @@ from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.compilation import is_top_level_call
-from ..common.compile_notice import show_compilation
 from ..common.progress import Trial, as_listener
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
@@ -204,18 +203,17 @@ def tune(
     listen, solution, spent = as_listener(progress), None, jnp.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
     pressing = replace_cables_by_bars(structure) if smooth and start is None else None
-    with show_compilation(progress):
-        if pressing is not None:
-            found = seeks(pressing, values)
-            spent = found.steps
-            reached = select_tree(found.status == status.OK, found.params, values)
-            with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve(structure, phases_with(reached), method)
-                values = reached
-        if solution is None or not _cables_act_like_bars(targets, solution, found):
-            found = seeks(structure, values)
-            found = copy_with(found, steps=spent + found.steps)
-            solution = solve(structure, phases_with(found.params), method, start=start)
+    if pressing is not None:
+        found = seeks(pressing, values)
+        spent = found.steps
+        reached = select_tree(found.status == status.OK, found.params, values)
+        with contextlib.suppress(ValueError):  # forces below zero, which bars take
+            solution = solve(structure, phases_with(reached), method)
+            values = reached
+    if solution is None or not _cables_act_like_bars(targets, solution, found):
+        found = seeks(structure, values)
+        found = copy_with(found, steps=spent + found.steps)
+        solution = solve(structure, phases_with(found.params), method, start=start)
     deviation = deviations(targets, solution)
     allowed = [target.within for target in targets]
     within = np.repeat(allowed, [len(own) for own in deviation])

@@ -68,7 +68,7 @@ def topology_of(structure):
             group.results,
             group.hinges,
             (tuple(group.inner_unknowns), group.n_inner_row),
-            str(jax.tree.map(jnp.shape, group.initial_memory())),
+            str(jax.tree.map(lambda x: x.shape, jax.eval_shape(group.initial_memory))),
         )
         for name, group in structure.named_groups()
     )
