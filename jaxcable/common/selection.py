@@ -10,7 +10,7 @@ import numpy as np
 
 from . import checks
 from .tree import Indices, pytree, set_fields
-from .types import Array, ArrayLike, Bool, Float, Int
+from .types import ArrayLike, Bool, Float, Int
 
 
 class _ElementSubset:

@@ -314,18 +314,6 @@ def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
     return jax.tree.map(visit, tree, is_leaf=_has_index_fields)
 
 
-def stack_trees(trees: Sequence[_T]) -> _T:
-    """Stack the leaves of equal trees along a new first axis, by NumPy unless one is traced."""
-
-    def stack(*leaves):
-        traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
-        return jnp.stack(leaves) if traced else np.array([np.asarray(x) for x in leaves])
-
-    if type(trees[0]) is np.ndarray:
-        return stack(*trees)
-    return jax.tree.map(stack, *trees)
-
-
 def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """Return the pytree `new` if a condition holds, else `old`, by a select of every leaf."""
 

@@ -18,6 +18,7 @@ from ..analysis.sensitivity import MeasuredAnalysis
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
+from ..common import jax_internals as internals
 from ..common.compilation import is_top_level_call
 from ..common.progress import Trial, as_listener
 from ..common.tree import copy_with, pytree, select_tree
@@ -200,30 +201,34 @@ def tune(
             found[k] = with_statement(found[k], name, value)
         return found
 
-    listen, solution, spent = as_listener(progress), None, jnp.int32(0)
+    listen, solution, spent = as_listener(progress), None, np.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
     pressing = replace_cables_by_bars(structure) if smooth and start is None else None
     if pressing is not None:
         found = seeks(pressing, values)
         spent = found.steps
-        reached = select_tree(found.status == status.OK, found.params, values)
+        reached = _select_if(found.status == status.OK, found.params, values)
         with contextlib.suppress(ValueError):  # forces below zero, which bars take
             solution = solve(structure, phases_with(reached), method)
             values = reached
     if solution is None or not _cables_act_like_bars(targets, solution, found):
         found = seeks(structure, values)
-        found = copy_with(found, steps=spent + found.steps)
+        steps_of_both = checks.as_numpy_if_known(spent) + checks.as_numpy_if_known(found.steps)
+        found = copy_with(found, steps=internals.as_jax_arrays(steps_of_both))
         solution = solve(structure, phases_with(found.params), method, start=start)
     deviation = deviations(targets, solution)
     allowed = [target.within for target in targets]
     within = np.repeat(allowed, [len(own) for own in deviation])
+    pairs = zip(deviation, allowed, strict=True)
+    met = [checks.numpy_or_jax(own, most).all(abs(own) <= most) for own, most in pairs]
+    influence = checks.as_numpy_if_known(found.jacobian) * within[:, None]
     return Tuned(
         phases=phases_with(found.params),
         values=found.params,
         solution=solution,
-        deviation=deviation,
-        met=[jnp.all(jnp.abs(own) <= most) for own, most in zip(deviation, allowed, strict=True)],
-        influence=found.jacobian * within[:, None],
+        deviation=internals.as_jax_arrays(deviation),
+        met=internals.as_jax_arrays(met),
+        influence=internals.as_jax_arrays(influence),
         free=found.free,
         without_influence=found.without_influence,
         status=found.status,
@@ -234,10 +239,18 @@ def tune(
     )
 
 
+def _select_if(condition, new, old):
+    """Return the tree `new` if a condition holds, else `old`."""
+    if isinstance(condition, jax.core.Tracer):
+        return select_tree(condition, new, old)
+    return new if bool(condition) else old
+
+
 def _weighted_deviations(targets, solution):
     """Return the deviations of all targets, each over its tolerance, as one array [n_target]."""
     found = deviations(targets, solution)
-    return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
+    parts = [d / t.within for d, t in zip(found, targets, strict=True)]
+    return checks.numpy_or_jax(parts).concatenate(parts)
 
 
 def _make_search(phases_with, targets, bounds, method, start, options):
@@ -307,10 +320,13 @@ def _cables_act_like_bars(targets, solution, found):
     It does if all deviations are the same and no cable is slack at the end of any phase; the
     influence matrix of the bars then also is that of the cables. False while traced.
     """
-    apart = _weighted_deviations(targets, solution) - found.residual
-    slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
-    good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME) & jnp.all(slack == 0)
-    return not isinstance(good, jax.core.Tracer) and bool(good)
+    slack = [phase.path.n_slack for phase in solution.phases]
+    every = _weighted_deviations(targets, solution), found.residual, solution.status, slack
+    if checks.numpy_or_jax(every) is not np:
+        return False
+    apart, residual, code, slack = jax.tree.map(np.asarray, every)
+    same = np.all(np.abs(apart - residual) <= _SAME)
+    return bool(code == status.OK and same and not any(each[-1] for each in slack))
 
 
 def _check_unknowns(phases, unknowns):
@@ -343,5 +359,10 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"
             )
-        values.append(jax.tree.map(lambda x: jnp.asarray(x, float), value))
+        values.append(internals.as_jax_arrays(jax.tree.map(_as_default_float, value)))
     return values
+
+
+def _as_default_float(x):
+    """Return a number or array as an array of the default float type."""
+    return jnp.asarray(x, float) if isinstance(x, jax.core.Tracer) else np.asarray(x, float)
