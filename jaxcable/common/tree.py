@@ -346,14 +346,14 @@ def _is_on_host(x):
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def apply_numpy_or_jax(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """Return ``function(numpy, x)`` for a known array on the CPU, else ``function(jax.numpy, x)``.
+def apply_numpy_or_jax(function: Callable[..., Any], *arrays: ArrayLike) -> ArrayLike:
+    """Return ``function(numpy, *arrays)`` for known ones on the CPU, else with ``jax.numpy``.
 
-    `function` takes the module and the array. The result is a jax array if `x` is one, on the same
-    device. NumPy is preferred because jax would compile a program for every small operation.
+    `function` takes the module and the arrays. The result is a jax array if one of them is, on the
+    same device. NumPy is preferred because jax would compile a program for every small operation.
     """
-    if not isinstance(x, jax.Array):
-        return function(np, np.asarray(x))
-    if _is_on_host(x):
-        return jax.device_put(function(np, np.asarray(x)), x.sharding)
-    return function(jnp, x)
+    of_jax = [x for x in arrays if isinstance(x, jax.Array)]
+    if not all(map(_is_on_host, of_jax)):
+        return function(jnp, *arrays)
+    found = function(np, *map(np.asarray, arrays))
+    return jax.device_put(found, of_jax[0].sharding) if of_jax else found
