@@ -275,7 +275,10 @@ def _values_per_element(
     One number is for all of them; `path` begins the messages.
     """
     if not components:
-        return checks.floats_per_element(value, count, path)
+        array = checks.as_floats(value, path)
+        if isinstance(array, jax.core.Tracer) and array.ndim == 0:
+            array = broadcast(array, shape=(count,))
+        return checks.floats_per_element(array, count, path)
     array, shape = checks.as_floats(value, path), (count, len(components))
     if array.shape not in ((), shape):
         raise ValueError(

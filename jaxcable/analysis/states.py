@@ -164,6 +164,7 @@ def without_extra_rows(
     """
     if structure.motion_rows()[0] is None:
         return part
+
     def of_nodes(values):
         return apply_numpy_or_jax(lambda _, x: x[:, : structure.n_node], values)
 

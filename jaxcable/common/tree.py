@@ -332,14 +332,7 @@ def entry(tree: _T, index: Int[Array, ""]) -> _T:
     return jax.tree.map(lambda x: lax.dynamic_index_in_dim(x, index, 0, False), tree)
 
 
-def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Concatenate along the first axis, by NumPy unless an array is traced or on another device."""
-    if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
-        return np.concatenate([np.asarray(x) for x in arrays])
-    return jnp.concatenate([jnp.asarray(x) for x in arrays])
-
-
-def _is_on_host(x):
+def is_on_host(x: Any) -> bool:
     """Tell whether `x` is a jax array that is not traced and lies in the memory of the CPU."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
@@ -353,7 +346,7 @@ def apply_numpy_or_jax(function: Callable[..., Any], *arrays: ArrayLike) -> Arra
     same device. NumPy is preferred because jax would compile a program for every small operation.
     """
     of_jax = [x for x in arrays if isinstance(x, jax.Array)]
-    if not all(map(_is_on_host, of_jax)):
+    if not all(map(is_on_host, of_jax)):
         return function(jnp, *arrays)
     found = function(np, *map(np.asarray, arrays))
     return jax.device_put(found, of_jax[0].sharding) if of_jax else found

@@ -207,7 +207,7 @@ def tune(
     if pressing is not None:
         found = seeks(pressing, values)
         spent = found.steps
-        reached = _select_if(found.status == status.OK, found.params, values)
+        reached = _select_converged(found.status, found.params, values)
         with contextlib.suppress(ValueError):  # forces below zero, which bars take
             solution = solve(structure, phases_with(reached), method)
             values = reached
@@ -239,11 +239,11 @@ def tune(
     )
 
 
-def _select_if(condition, new, old):
-    """Return the tree `new` if a condition holds, else `old`."""
-    if isinstance(condition, jax.core.Tracer):
-        return select_tree(condition, new, old)
-    return new if bool(condition) else old
+def _select_converged(code, new, old):
+    """Return the tree `new` if a status is OK, else `old`."""
+    if isinstance(code, jax.core.Tracer):
+        return select_tree(code == status.OK, new, old)
+    return new if int(code) == status.OK else old
 
 
 def _weighted_deviations(targets, solution):
@@ -266,7 +266,7 @@ def _make_search(phases_with, targets, bounds, method, start, options):
     )
 
     def seek(structure, values):
-        flat, back = ravel_pytree(values)
+        flat = flat_vector(values)
         given = structure, phases_with(values), [t.value for t in targets], bounds, start
         if not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
 
@@ -277,6 +277,11 @@ def _make_search(phases_with, targets, bounds, method, start, options):
             return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
 
         given = measure, names, method, start
+
+        @as_program
+        def back(x):
+            return ravel_pytree(values)[1](x)
+
         analyse = MeasuredAnalysis(structure, lambda x: phases_with(back(x)), *given)
         evaluate = functools.partial(_as_evaluation, analyse)
         return fit_on_host(evaluate, values, bounds, steps, tol, listen)
@@ -294,7 +299,7 @@ def _describe_nearly_slack(structure, solution, first_phase):
 
     Returns a tuple of sentences, empty if the analysis failed or is traced.
     """
-    if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
+    if isinstance(solution.status, jax.core.Tracer) or int(solution.status) != status.OK:
         return ()
     stages = [values_per_group(structure, phase.tension) for phase in solution.phases]
     words = []

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.tree import is_on_host
 from ..common.types import Array, ArrayLike, Float, Int
 from .program_calls import as_program
 
@@ -29,6 +30,19 @@ def stack_trees(trees: Sequence[_T]) -> _T:
     if type(trees[0]) is np.ndarray:
         return stack(*trees)
     return jax.tree.map(stack, *trees)
+
+
+def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
+    """Concatenate along the first axis, by NumPy unless an array is traced or on another device."""
+    if all(isinstance(x, np.ndarray) or is_on_host(x) for x in arrays):
+        return np.concatenate([np.asarray(x) for x in arrays])
+    return _concatenate(list(arrays))
+
+
+@as_program
+def _concatenate(arrays):
+    """Return arrays concatenated along the first axis."""
+    return jnp.concatenate([jnp.asarray(x) for x in arrays])
 
 
 @as_program
@@ -58,3 +72,9 @@ def add_to_zeros(
         values = jnp.broadcast_to(jnp.asarray(values, dtype), (len(rows), width))
         total = total.at[rows[:, None], first + jnp.arange(width)].add(values)
     return total
+
+
+@functools.partial(as_program, static=("shape",))
+def broadcast(value: Float[ArrayLike, ""], *, shape: tuple[int, ...]) -> Float[Array, " ..."]:
+    """Return an array of a shape with one value everywhere."""
+    return jnp.broadcast_to(value, shape)
