@@ -27,6 +27,7 @@ from ..elements.abilities import (
 )
 from ..elements.element import Element
 from ..elements.prestress import StatedValues
+from ..evaluation.joining import broadcast
 from ..model import phase_plausibility
 from ..model.structure import Structure
 from .group_values import is_single_number, value_per_group

@@ -186,9 +186,9 @@ def floats_per_element(
             f"got shape {array.shape}"
         )
     if array.shape == ():
-        if isinstance(array, jax.Array):
+        if isinstance(array, jax.core.Tracer):
             return jnp.broadcast_to(array, (n_elem,))
-        array = np.full(n_elem, array)
+        array = np.full(n_elem, np.asarray(array))
     return array
 
 
