@@ -196,11 +196,7 @@ class Snapshots:
             raise ValueError(f"frames = {frames!r}: must be a positive integer")
         phases = list(self.solution.phases)
         paths: list[Any] = [jax.tree.map(np.asarray, phase.path) for phase in phases]
-        good = [
-            (k, int(n))
-            for k, p in enumerate(paths)
-            for n in np.flatnonzero(np.asarray(p.status) == 0)
-        ]
+        good = [(k, int(n)) for k, p in enumerate(paths) for n in np.flatnonzero(p.status == 0)]
         if not good:
             raise ValueError("solution: has no converged increment to show; see raise_if_failed")
         last = [j for j in range(len(good)) if j + 1 == len(good) or good[j + 1][0] != good[j][0]]

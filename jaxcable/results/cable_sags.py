@@ -237,6 +237,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
     return nodes
 
 
+@as_program
 def _nan_unless(there, values):
     """Return values [..., n_elem, ...] with NaN for elements that are not active."""
     there = there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim))
