@@ -375,6 +375,7 @@ def as_jax_arrays(tree: Any) -> Any:
 
     What is traced, and what is an array of jax, stays as it is. Dtypes are those of `jnp.asarray`.
     """
+    shape: Any
     leaves, shape = jax.tree.flatten(tree)
     places = [k for k, x in enumerate(leaves) if not isinstance(x, jax.Array)]
     arrays = [np.asarray(leaves[k]) for k in places]

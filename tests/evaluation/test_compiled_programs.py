@@ -54,7 +54,7 @@ def chord(elements, supports=(0, 2)):
 
 def cantilever(law):
     """Two beams with a section of fibres."""
-    section = jc.Section.rectangle(0.05, 0.1, law, shape=(1, 4))
+    section = jc.Section.rectangle(0.05, 0.1, law, shape=(2, 2))
     beams = jc.Beams([[0, 1], [1, 2]], section=section)
     return jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], beams, supports=jc.clamped([0]))
 
