@@ -44,7 +44,7 @@ class Activation(NamedTuple):
 
         def one(parts, axis):
             return [
-                _numpy_or_jax(parts).concatenate([parts[k] for k in numbers], axis=axis)
+                checks.numpy_or_jax(parts).concatenate([parts[k] for k in numbers], axis=axis)
                 for numbers in bundles.group_indices
             ]
 
@@ -64,7 +64,7 @@ class Activation(NamedTuple):
         """
         (rows, _), width = structure.motion_rows(), structure.space.n_freedom
         n_row = structure.n_node if rows is None else len(rows.node_of_row)
-        pack = _numpy_or_jax([*self.present_at_start, *self.present])
+        pack = checks.numpy_or_jax(self.present_at_start, self.present)
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
         for group, first, present in zip(groups, self.present_at_start, self.present, strict=True):
@@ -149,10 +149,11 @@ def make_activation(
         )
         for k, phase in enumerate(phases)
     ]
-    first, present, sound = [], [], jnp.ones(len(phases), bool)
+    first, present = [], []
+    sound: Any = np.ones(len(phases), bool)
     for number, (where, group) in enumerate(named):
         own = [(adds[number], removes[number]) for adds, removes in changes]
-        pack = _numpy_or_jax([mask for pair in own for mask in pair])
+        pack = checks.numpy_or_jax(own)
         count = len(group.links)
         if states is None:
             there = pack.ones(count, bool)
@@ -161,14 +162,14 @@ def make_activation(
         elif known is None or known[number] is None:
             there = pack.ones(count, bool)
         else:
-            there = known[number]
-            pack = _numpy_or_jax([there, *(mask for pair in own for mask in pair)])
+            there = checks.as_numpy_if_known(known[number])
+            pack = checks.numpy_or_jax(there, own)
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
             wrong = _find_contradiction(earlier + k, where, there, adds, removes)
             if wrong is not None:
-                sound = sound.at[k].set(sound[k] & ~wrong)
+                sound = jnp.asarray(sound).at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes
             rows.append(there)
         present.append(pack.stack(rows))
@@ -200,11 +201,6 @@ def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | N
     """Return which phases let new nodes move rigidly with active ones, [n_phase]; or None."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
-
-
-def _numpy_or_jax(masks):
-    """Return the module to compute with: jax.numpy if any of the masks is traced, else NumPy."""
-    return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
 def element_masks(value: Any, structure: Structure, name: str) -> list[Bool[ArrayLike, " n_elem"]]:
@@ -243,13 +239,13 @@ def element_masks(value: Any, structure: Structure, name: str) -> list[Bool[Arra
 
 def _as_element_mask(given, count, name):
     """Return booleans [n_elem], or one for all, as a mask [count]; ValueError for anything else."""
-    mask = given if isinstance(given, jax.Array) else np.asarray(given)
+    mask = checks.as_numpy_if_known(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
             f"{name}: expected keys of groups, only(elements), or {count} booleans, got "
             f"{mask.dtype} of shape {mask.shape}"
         )
-    return (jnp if isinstance(mask, jax.Array) else np).broadcast_to(mask, (count,))
+    return checks.numpy_or_jax(mask).broadcast_to(mask, (count,))
 
 
 def _masks_of_whole_groups(value, structure, name):

@@ -37,6 +37,7 @@ from ..elements.abilities import Sagging
 from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
+from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .activation import element_masks, make_activation
@@ -108,6 +109,8 @@ def _with_found_lengths(structure, phases, method, start, run, stated):
     concrete = is_top_level_call(jax.tree.leaves(known))
     m, code, left = _find_unknowns(known, run, concrete)
     leaves, tree = jax.tree.flatten(arguments)
+    if concrete and not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        return _with_strains(structure, phases, stated, m), code, left
     moving = [k for k, leaf in enumerate(leaves) if _has_derivative(leaf)]
 
     def errors(m, values):
@@ -165,9 +168,9 @@ def _with_strains(structure, phases, stated, m):
         ]
         for one in (one for one in stated if one.phase == k):
             cables = structure.groups[one.group]
-            values = jnp.expm1(-m[at : at + len(one.elements)])
+            part = np.arange(at, at + len(one.elements))
             at += len(one.elements)
-            strains[one.group] = _join(strains[one.group], one.elements, values, len(cables.links))
+            strains[one.group] = _join(strains[one.group], one.elements, m, part, len(cables.links))
         found[k] = replace(
             phase,
             **dict.fromkeys(AS_BUILT_STATEMENTS),
@@ -177,12 +180,24 @@ def _with_strains(structure, phases, stated, m):
     return found
 
 
-def _join(stated, elements, values, count):
-    """Return `StatedValues` with further `values` of some elements."""
+def _join(stated, elements, m, part, count):
+    """Return `StatedValues` with the strains of some elements, those of a part of unknowns `m`."""
     mask = np.zeros(count, bool) if stated is None else mask_of(stated, count)
-    before = jnp.zeros(count, values.dtype) if stated is None else jnp.asarray(stated.values)
+    before = np.zeros(count, m.dtype) if stated is None else stated.values
     mask[elements] = True
-    return StatedValues(before.at[elements].set(values), None if mask.all() else mask)
+    return StatedValues(_insert_strains(before, elements, m, part), None if mask.all() else mask)
+
+
+@as_program
+def _insert_strains(values, elements, m, part):
+    """Return values of elements with the strains of some in their places."""
+    return jnp.asarray(values).at[elements].set(jnp.expm1(-m[part]))
+
+
+@as_program
+def _take(values, chosen):
+    """Return the values of chosen elements."""
+    return values[chosen]
 
 
 def _as_argument(structure, stated):
@@ -192,7 +207,7 @@ def _as_argument(structure, stated):
     found = [
         one
         if one is None or one.chosen is None
-        else only(np.flatnonzero(one.chosen), one.values[np.flatnonzero(one.chosen)])
+        else only(np.flatnonzero(one.chosen), _take(one.values, np.flatnonzero(one.chosen)))
         for one in stated
     ]
     return structure.arrange([x.values if isinstance(x, StatedValues) else x for x in found])
@@ -200,11 +215,14 @@ def _as_argument(structure, stated):
 
 def _spans(structure, cables, elements):
     """Return chords, horizontal spans, m, EA, N, and weights, N/m, of elements, [n] each."""
-    ends = structure.nodes[cables.links.array[elements]]
-    vector = ends[:, 1] - ends[:, 0]
-    chord, span = jnp.linalg.norm(vector, axis=1), jnp.linalg.norm(vector[:, :2], axis=1)
     weight = 0.0 if cables.weight is None else cables.weight
-    every = [jnp.broadcast_to(x, len(cables.links)) for x in (cables.stiffness_with_spring, weight)]
+    given = structure.nodes, cables.stiffness_with_spring, weight
+    xp = checks.numpy_or_jax(given)
+    nodes, *numbers = map(xp.asarray, given)
+    ends = nodes[cables.links.array[elements]]
+    vector = ends[:, 1] - ends[:, 0]
+    chord, span = xp.linalg.norm(vector, axis=1), xp.linalg.norm(vector[:, :2], axis=1)
+    every = [xp.broadcast_to(x, len(cables.links)) for x in numbers]
     return chord, span, *(x[elements] for x in every)
 
 
@@ -220,8 +238,9 @@ def _guess(structure, stated):
         if one.name == "built_sag":
             tension = weight * span * chord / (8 * one.values)
         slope = (weight * span / tension) ** 2 / 24 if one.loaded else 0.0
-        parts.append(0.5 * jnp.log1p(2 * slope) - jnp.log1p(tension / stiffness))
-    return jnp.concatenate([jnp.zeros(0), *parts]).astype(structure.nodes.dtype)
+        xp = checks.numpy_or_jax(slope, tension, stiffness)
+        parts.append(0.5 * xp.log1p(2 * slope) - xp.log1p(tension / stiffness))
+    return checks.numpy_or_jax(parts).concatenate(parts).astype(structure.nodes.dtype)
 
 
 # --- equations
@@ -294,9 +313,16 @@ def _find_unknowns(arguments, run, concrete):
     m = _guess(structure, stated)
     if concrete:
         refuse_lengths_beyond_digits(stated, np.asarray(m))
-    tol = 8 * jnp.sqrt(jnp.finfo(m.dtype).eps)
-    if not isinstance(method, Incremental):  # and above what its equilibria leave
-        tol = jnp.maximum(tol, 10 * residual_tolerance(method or Newton(), m.dtype))
-    m, code, left = search(evaluate, m, tol, concrete)
-    allowed = jnp.all(jnp.stack([one.allowed for one in stated]))
-    return m, jnp.where(allowed, code, status.INVALID_INPUT), left
+    m, code, left = search(evaluate, m, _tolerance(method or Newton(), m), concrete)
+    for one in stated:
+        code = checks.numpy_or_jax(one.allowed, code).where(one.allowed, code, status.INVALID_INPUT)
+    return m, code, left
+
+
+@as_program
+def _tolerance(method, m):
+    """Return the tolerance of the search for unknowns `m`, a scalar."""
+    tol = 8 * jnp.sqrt(jnp.asarray(jnp.finfo(m.dtype).eps, m.dtype))
+    if isinstance(method, Incremental):
+        return tol
+    return jnp.maximum(tol, 10 * residual_tolerance(method, m.dtype))  # what equilibria leave

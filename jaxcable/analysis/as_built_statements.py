@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
+from ..common import checks
 from ..common.rules import are_rules_kept
 from ..common.types import Array, Bool, Float, Int
 from ..elements.abilities import Sagging
@@ -94,7 +94,8 @@ def stated_as_built(
                 if name not in own:
                     continue
                 chosen = _chosen(own[name], len(cables.links))
-                values = jnp.asarray(own[name].values, structure.nodes.dtype)[chosen]
+                xp = checks.numpy_or_jax(own[name].values)
+                values = xp.asarray(own[name].values, structure.nodes.dtype)[chosen]
                 mask = mask_of(own[name], len(cables.links))
                 rules = value_rules(name, values, cables)
                 allowed = are_rules_kept([*rules, *span_rules(name, cables, structure.nodes, mask)])
@@ -124,8 +125,8 @@ def _chosen(stated, count):
 def _is_first_end(tension_at, structure, cables, chosen):
     """Return whether an end tension is that of the first end of each element, [n] bool."""
     if tension_at in ("first", "second"):
-        return jnp.full(len(chosen), tension_at == "first")
-    heights = structure.nodes[:, 2][cables.links.array[chosen]]
+        return np.full(len(chosen), tension_at == "first")
+    heights = checks.as_numpy_if_known(structure.nodes)[:, 2][cables.links.array[chosen]]
     lower = heights[:, 0] <= heights[:, 1]
     return lower if tension_at == "lower" else ~lower
 

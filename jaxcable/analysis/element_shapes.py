@@ -158,15 +158,24 @@ def shapes_of_groups(
     pulls = items_per_group(structure, (known.results or {}).get(END_PULL.name))
     present = items_per_group(structure, known.present)
     lengths = items_per_group(structure, known.rest_length)
+    return _shapes_of_groups(list(structure.groups), known.positions, pulls, present, lengths)
+
+
+@as_program
+def _shapes_of_groups(groups, positions, *parts):
+    """Return what `shapes_of_groups` does; `parts` are results of elements, a list per group each.
+
+    These are forces, whether elements are there, and unstressed lengths.
+    """
     found = []
-    for group, pull, there, length in zip(structure.groups, pulls, present, lengths, strict=True):
+    for group, pull, there, length in zip(groups, *parts, strict=True):
         if isinstance(group, Sagging):
-            shapes = _catenary_shapes(group, known.positions, pull, length)
+            shapes = _catenary_shapes(group, positions, pull, length)
         else:
-            shapes = _straight_shapes(group, known.positions)
+            shapes = _straight_shapes(group, positions)
         if there is None:
             there = jnp.ones(len(group.links), bool)
-        count = known.positions.ndim - 2
+        count = positions.ndim - 2
         there = jnp.broadcast_to(there > 0, (*shapes.hangs.shape[:count], len(group.links)))
         found.append((shapes, there))
     return found

@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .. import linear
 from ..common import status
 from ..common.types import Array, Bool, Float, Int
+from ..evaluation.program_calls import as_program
 
 _MAX_STEPS = 40  # analyses; a mast whose guys nearly let it sway takes 7
 _LONGEST_STEP = 0.2  # of logarithms of lengths
@@ -63,22 +65,22 @@ def search(
         The unknowns; OK, NOT_AS_BUILT, or the status of the first analysis if that has failed; and
             the errors at the last unknowns that were better than those before, [n].
     """
-    far = jnp.full((), jnp.inf, guess.dtype)
-    zero, still = jnp.zeros((), jnp.int32), jnp.zeros_like(guess)
-    one, going_on = jnp.ones_like(far), jnp.zeros((), bool)
-    state = Iterate(guess, still, one, far, jnp.full_like(guess, jnp.nan), zero, zero, going_on)
+    one, still = np.ones((), guess.dtype), np.zeros(guess.shape, guess.dtype)
+    unknown, zero, going_on = still + np.nan, np.zeros((), np.int32), np.zeros((), bool)
+    state = Iterate(guess, still, one, np.inf * one, unknown, zero, zero, going_on)
 
     def advance(state):
         return _advance(state, tol, *evaluate(state.unknowns + state.part * state.step))
 
     if concrete:
         while not state.done:
-            state = advance(state)
+            state = jax.tree.map(np.asarray, advance(state))
     else:
         state = lax.while_loop(lambda state: ~state.done, advance, state)
     return state.unknowns, state.code, state.errors
 
 
+@as_program
 def _advance(state, tol, errors, jacobian, code):
     """Return the next `Iterate` after an analysis of unknowns, with its errors and its status.
 

@@ -7,10 +7,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import jax.numpy as jnp
-
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, PyTree
+from ..evaluation.program_calls import as_program
 from ..numerics.rotations import rotation_vectors
 
 _FIELD_OF_RESULT = {
@@ -115,8 +114,10 @@ class Results(ElementResults):
             >>> print(solution.status, f"{solution.phases[0].rotation_vector[1, 1]:.6f}")  # M L/EI
             0 0.030000
         """
-        return None if self.rotation is None else rotation_vectors(jnp.asarray(self.rotation))
+        return None if self.rotation is None else _rotation_vectors(self.rotation)
 
+
+_rotation_vectors = as_program(rotation_vectors)
 
 RESULT_NAMES = tuple(field.name for field in dataclasses.fields(Results))
 """Names of the results that a `State`, a `PhaseResult` and a `Solution` have."""

@@ -7,16 +7,19 @@ and held in this one. What no phase has is absent.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
-from ..common.tree import copy_with, pytree, stack_trees
+from ..common.tree import copy_with, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import StatedValues
+from ..evaluation.joining import stack_trees
 from ..loads.load import Load
 from ..loads.varying import Amplitude, stack_amplitudes
 from ..mechanics.load_ramp import NodalIncrement, PhaseData
@@ -142,8 +145,8 @@ def stack_nodal_loads(
     zero = np.zeros(shape, dtype)
 
     def total(some):
-        arrays = (_array_of_load(load, method, zero) for load, own in some if own is None)
-        return sum(arrays, zero)
+        arrays = [_array_of_load(load, method, zero) for load, own in some if own is None]
+        return functools.reduce(operator.add, arrays) if arrays else zero
 
     sums = [total(some) for some in loads]
     varying = [[load for load in some if load[1] is not None] for some in loads]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..common.tree import Indices, pytree
+from ..common.tree import Indices, apply_numpy_or_jax, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.restart_state import RestartState
 from ..model.supports import FixedDofs
@@ -166,8 +166,9 @@ class Solution(Results):
             0 -11.845 mm
             0 0.993 mm
         """
-        begun = self.phases[phase].positions - self.phases[phase].displacement
-        return self.positions - begun
+        of_phase = self.phases[phase]
+        parts = self.positions, of_phase.positions, of_phase.displacement
+        return apply_numpy_or_jax(lambda _, end, there, moved: end - (there - moved), *parts)
 
     def displacement_until(self, phase: int) -> Float[Array, "n_node 3"]:
         """Return the displacements from the initial nodes to the end of a phase, m.
@@ -184,4 +185,5 @@ class Solution(Results):
             >>> print(solution.status, f"{1e3 * solution.displacement_until(1)[3, 2]:.3f} mm")
             0 -12.838 mm
         """
-        return self.phases[phase].positions - (self.last.positions - self.last.displacement)
+        parts = self.phases[phase].positions, self.last.positions, self.last.displacement
+        return apply_numpy_or_jax(lambda _, end, there, moved: end - (there - moved), *parts)

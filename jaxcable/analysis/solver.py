@@ -11,6 +11,7 @@ from ..common.status import first_failure
 from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..model import plausibility
 from ..model.structure import Structure
 from .as_built import with_lengths_as_built
@@ -90,7 +91,7 @@ def solve(
     with checks.without_warnings() if found is not None else contextlib.nullcontext():
         task = prepare(structure, phases, method, start, to_end=True)
     if found is not None:
-        task = task._replace(code=first_failure(task.code, found))
+        task = task._replace(code=_first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
     known = known_numbers(core) if iterates else None
@@ -105,6 +106,9 @@ def solve(
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arrange_solution(structure, solution, task)
+
+
+_first_failure = as_program(first_failure)
 
 
 def phases_with_lengths(

@@ -27,6 +27,7 @@ from ..elements.abilities import (
 )
 from ..elements.element import Element
 from ..elements.prestress import StatedValues
+from ..evaluation.joining import broadcast
 from ..model import phase_plausibility
 from ..model.structure import Structure
 from .group_values import is_single_number, value_per_group
@@ -275,7 +276,10 @@ def _values_per_element(
     One number is for all of them; `path` begins the messages.
     """
     if not components:
-        return checks.floats_per_element(value, count, path)
+        array = checks.as_floats(value, path)
+        if isinstance(array, jax.core.Tracer) and array.ndim == 0:
+            array = broadcast(array, shape=(count,))
+        return checks.floats_per_element(array, count, path)
     array, shape = checks.as_floats(value, path), (count, len(components))
     if array.shape not in ((), shape):
         raise ValueError(

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy_with, pytree, select_tree
+from ..common.tree import apply_numpy_or_jax, copy_with, pytree, select_tree
 from ..common.types import Array, Float, Int
 from ..elements.element import Element
 from ..mechanics.assembly import System
@@ -164,9 +164,11 @@ def without_extra_rows(
     """
     if structure.motion_rows()[0] is None:
         return part
-    return copy_with(
-        part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node}
-    )
+
+    def of_nodes(values):
+        return apply_numpy_or_jax(lambda _, x: x[:, : structure.n_node], values)
+
+    return copy_with(part, **{name: of_nodes(getattr(part, name)) for name in per_node})
 
 
 def arrange_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:

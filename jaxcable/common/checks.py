@@ -93,6 +93,20 @@ def array_if_known(x: ArrayLike | None) -> np.ndarray | None:
     return None if x is None or isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
+def numpy_or_jax(*values: Any) -> Any:
+    """Return the module to compute with: jax.numpy if anything in `values` is traced, else NumPy.
+
+    Known arrays of jax belong to NumPy: jax would compile a program for every small operation.
+    """
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return jnp if traced else np
+
+
+def as_numpy_if_known(x: ArrayLike) -> ArrayLike:
+    """Return an array as one of NumPy, but as it is if it is traced by jax."""
+    return x if isinstance(x, jax.core.Tracer) else np.asarray(x)
+
+
 def as_floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
     """Return `value` as an array of floats; integers become the default float type.
 
@@ -172,9 +186,9 @@ def floats_per_element(
             f"got shape {array.shape}"
         )
     if array.shape == ():
-        if isinstance(array, jax.Array):
+        if isinstance(array, jax.core.Tracer):
             return jnp.broadcast_to(array, (n_elem,))
-        array = np.full(n_elem, array)
+        array = np.full(n_elem, np.asarray(array))
     return array
 
 

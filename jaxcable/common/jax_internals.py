@@ -370,4 +370,19 @@ def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
     return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
 
 
+def as_jax_arrays(tree: Any) -> Any:
+    """Return a tree with arrays of jax in place of those of NumPy and of numbers; compiles nothing.
+
+    What is traced, and what is an array of jax, stays as it is. Dtypes are those of `jnp.asarray`.
+    """
+    shape: Any
+    leaves, shape = jax.tree.flatten(tree)
+    places = [k for k, x in enumerate(leaves) if not isinstance(x, jax.Array)]
+    arrays = [np.asarray(leaves[k]) for k in places]
+    arrays = [x.astype(jax.dtypes.canonicalize_dtype(x.dtype), copy=False) for x in arrays]
+    for k, x in zip(places, arrays_on_default_device(arrays), strict=True):
+        leaves[k] = x
+    return shape.unflatten(leaves)
+
+
 _shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .checks import array_if_known
+from .checks import array_if_known, numpy_or_jax
 from .tree import PerElement
 from .types import Array, ArrayLike, Bool, Float, PyTree
 
@@ -92,18 +92,21 @@ def refuse_if_broken(rules: Sequence[Rule]) -> None:
 def are_rules_kept(
     rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None
 ) -> Bool[Array, ""]:
-    """Return whether traced numbers satisfy all rules, a scalar bool.
+    """Return whether numbers satisfy all rules, a scalar bool; of NumPy if all are known.
 
     Args:
         rules: list of `Rule`.
         among: mask of the entries that are checked, in the shape of the values; None for all.
     """
-    sound = jnp.ones((), bool)
+    sound: Any = np.bool_(True)
     for rule in rules:
         if rule.values is None:
             continue
-        broken = rule.broken(*map(jnp.asarray, _values_as_tuple(rule.values)))
-        sound = sound & ~jnp.any(broken if among is None else broken & among)
+        values = _values_as_tuple(rule.values)
+        xp = numpy_or_jax(values)
+        broken = rule.broken(*map(xp.asarray, values))
+        broken = broken if among is None else broken & among
+        sound = sound & ~numpy_or_jax(broken).any(broken)
     return sound
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from . import checks
 from .tree import Indices, pytree, set_fields
-from .types import Array, ArrayLike, Bool, Float, Int
+from .types import ArrayLike, Bool, Float, Int
 
 
 class _ElementSubset:
@@ -112,8 +112,13 @@ class Only(_ElementSubset):
         # one value for all stays one: a search then has one unknown (`design.tune`)
         set_fields(self, values=values)
 
-    def merged_with(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
+    def merged_with(self, others: Float[ArrayLike, " n_elem"]) -> Float[ArrayLike, " n_elem"]:
         """Return an array [n_elem]: the values at the chosen elements, and `others` elsewhere."""
+        if checks.numpy_or_jax(self.values, others) is np:
+            dtype = jax.dtypes.canonicalize_dtype(np.asarray(self.values).dtype)
+            merged = np.array(others, dtype)
+            merged[self.elements.array] = np.asarray(self.values)
+            return merged
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 

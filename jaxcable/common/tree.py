@@ -314,18 +314,6 @@ def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
     return jax.tree.map(visit, tree, is_leaf=_has_index_fields)
 
 
-def stack_trees(trees: Sequence[_T]) -> _T:
-    """Stack the leaves of equal trees along a new first axis, by NumPy unless one is traced."""
-
-    def stack(*leaves):
-        traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
-        return jnp.stack(leaves) if traced else np.array([np.asarray(x) for x in leaves])
-
-    if type(trees[0]) is np.ndarray:
-        return stack(*trees)
-    return jax.tree.map(stack, *trees)
-
-
 def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """Return the pytree `new` if a condition holds, else `old`, by a select of every leaf."""
 
@@ -344,28 +332,21 @@ def entry(tree: _T, index: Int[Array, ""]) -> _T:
     return jax.tree.map(lambda x: lax.dynamic_index_in_dim(x, index, 0, False), tree)
 
 
-def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Concatenate along the first axis, by NumPy unless an array is traced or on another device."""
-    if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
-        return np.concatenate([np.asarray(x) for x in arrays])
-    return jnp.concatenate([jnp.asarray(x) for x in arrays])
-
-
-def _is_on_host(x):
+def is_on_host(x: Any) -> bool:
     """Tell whether `x` is a jax array that is not traced and lies in the memory of the CPU."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def apply_numpy_or_jax(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """Return ``function(numpy, x)`` for a known array on the CPU, else ``function(jax.numpy, x)``.
+def apply_numpy_or_jax(function: Callable[..., Any], *arrays: ArrayLike) -> ArrayLike:
+    """Return ``function(numpy, *arrays)`` for known ones on the CPU, else with ``jax.numpy``.
 
-    `function` takes the module and the array. The result is a jax array if `x` is one, on the same
-    device. NumPy is preferred because jax would compile a program for every small operation.
+    `function` takes the module and the arrays. The result is a jax array if one of them is, on the
+    same device. NumPy is preferred because jax would compile a program for every small operation.
     """
-    if not isinstance(x, jax.Array):
-        return function(np, np.asarray(x))
-    if _is_on_host(x):
-        return jax.device_put(function(np, np.asarray(x)), x.sharding)
-    return function(jnp, x)
+    of_jax = [x for x in arrays if isinstance(x, jax.Array)]
+    if not all(map(is_on_host, of_jax)):
+        return function(jnp, *arrays)
+    found = function(np, *map(np.asarray, arrays))
+    return jax.device_put(found, of_jax[0].sharding) if of_jax else found

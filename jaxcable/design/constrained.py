@@ -13,7 +13,6 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
-from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
@@ -169,8 +168,7 @@ def minimize_subject_to(
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    with show_compilation(progress):  # most of the time before the first report
-        search.evaluate_at(np.asarray(start, float))
+    search.evaluate_at(np.asarray(start, float))
     end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(

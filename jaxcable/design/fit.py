@@ -12,7 +12,6 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
 from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
@@ -153,8 +152,7 @@ def fit(
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = check_search_arguments(params, bounds, tol)
     listen = as_listener(progress)
-    with show_compilation(progress):  # most of the time before the first report
-        return _searches(residuals, int(steps), listen)(params, args, box, tol)
+    return _searches(residuals, int(steps), listen)(params, args, box, tol)
 
 
 def _flat_residuals(reference, x, params, args):

@@ -14,10 +14,11 @@ from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
-from ..common.tree import pytree, stack_trees
+from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..evaluation.joining import stack_trees
 from ..loads import SelfWeight, as_list
 from ..model.structure import Structure
 from .arguments import require_structure

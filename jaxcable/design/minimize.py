@@ -13,7 +13,6 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.compile_notice import show_compilation
 from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree, select_tree
@@ -188,8 +187,7 @@ def minimize(
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = as_listener(progress)
-    with show_compilation(progress):  # most of the time before the first report
-        return _searches(loss, optimizer, int(steps), listen)(params, args, box, scale, tol)
+    return _searches(loss, optimizer, int(steps), listen)(params, args, box, scale, tol)
 
 
 def _make_search(reference, optimizer, steps, listen):

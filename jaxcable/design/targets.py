@@ -101,7 +101,7 @@ class Target:
         except IndexError as error:
             shape = list(found.shape)
             raise ValueError(f"at: {error}; the result has shape {shape}") from None
-        chosen = jnp.ravel(found[self.at])
+        chosen = checks.numpy_or_jax(found).ravel(found[self.at])
         if not chosen.size:
             raise ValueError(
                 f"at: selects no entry of the result, which has shape {list(found.shape)}"
@@ -143,15 +143,19 @@ class Target:
             raise ValueError(f"{name}: {text}{checks.suggest_names('', _group_keys(found))}")
         if not isinstance(found, jax.Array | np.ndarray | np.generic | float):
             raise ValueError(f"{name}: expected an array of floats, got {type(found).__name__}")
-        found = jnp.asarray(found)
+        found = checks.as_numpy_if_known(found)
         if not jnp.issubdtype(found.dtype, jnp.floating):
             raise ValueError(f"{name}: expected an array of floats, got {found.dtype}")
         return found
 
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
-        """Return measured minus wanted values of this target in a solution, [n], in its unit."""
+        """Return measured minus wanted values of this target in a solution, [n], in its unit.
+
+        They are an array of NumPy where all numbers are known.
+        """
         measured = self.measured_values(solution)
-        value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
+        xp = checks.numpy_or_jax(self.value)
+        value = xp.ravel(xp.asarray(self.value, measured.dtype))
         if value.size not in (1, measured.size):
             text = f"`of`, `on` and `at` select {measured.size}"
             raise ValueError(f"value: has {value.size} numbers, but {text}")

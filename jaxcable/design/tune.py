@@ -18,17 +18,19 @@ from ..analysis.sensitivity import MeasuredAnalysis
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
+from ..common import jax_internals as internals
 from ..common.compilation import is_top_level_call
-from ..common.compile_notice import show_compilation
 from ..common.progress import Trial, as_listener
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..evaluation.program_calls import as_program
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from .bars_for_cables import replace_cables_by_bars
+from .bounds import flat_vector
 from .fit import fit, fit_on_host
 from .targets import Target, deviations, require_targets, result_names_for_targets
 from .trials import Evaluation
@@ -201,31 +203,34 @@ def tune(
             found[k] = with_statement(found[k], name, value)
         return found
 
-    listen, solution, spent = as_listener(progress), None, jnp.int32(0)
+    listen, solution, spent = as_listener(progress), None, np.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
     pressing = replace_cables_by_bars(structure) if smooth and start is None else None
-    with show_compilation(progress):
-        if pressing is not None:
-            found = seeks(pressing, values)
-            spent = found.steps
-            reached = select_tree(found.status == status.OK, found.params, values)
-            with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve(structure, phases_with(reached), method)
-                values = reached
-        if solution is None or not _cables_act_like_bars(targets, solution, found):
-            found = seeks(structure, values)
-            found = copy_with(found, steps=spent + found.steps)
-            solution = solve(structure, phases_with(found.params), method, start=start)
+    if pressing is not None:
+        found = seeks(pressing, values)
+        spent = found.steps
+        reached = _select_converged(found.status, found.params, values)
+        with contextlib.suppress(ValueError):  # forces below zero, which bars take
+            solution = solve(structure, phases_with(reached), method)
+            values = reached
+    if solution is None or not _cables_act_like_bars(targets, solution, found):
+        found = seeks(structure, values)
+        steps_of_both = checks.as_numpy_if_known(spent) + checks.as_numpy_if_known(found.steps)
+        found = copy_with(found, steps=internals.as_jax_arrays(steps_of_both))
+        solution = solve(structure, phases_with(found.params), method, start=start)
     deviation = deviations(targets, solution)
     allowed = [target.within for target in targets]
     within = np.repeat(allowed, [len(own) for own in deviation])
+    pairs = zip(deviation, allowed, strict=True)
+    met = [checks.numpy_or_jax(own, most).all(abs(own) <= most) for own, most in pairs]
+    influence = checks.as_numpy_if_known(found.jacobian) * within[:, None]
     return Tuned(
         phases=phases_with(found.params),
         values=found.params,
         solution=solution,
-        deviation=deviation,
-        met=[jnp.all(jnp.abs(own) <= most) for own, most in zip(deviation, allowed, strict=True)],
-        influence=found.jacobian * within[:, None],
+        deviation=internals.as_jax_arrays(deviation),
+        met=internals.as_jax_arrays(met),
+        influence=internals.as_jax_arrays(influence),
         free=found.free,
         without_influence=found.without_influence,
         status=found.status,
@@ -236,10 +241,18 @@ def tune(
     )
 
 
+def _select_converged(code, new, old):
+    """Return the tree `new` if a status is OK, else `old`."""
+    if isinstance(code, jax.core.Tracer):
+        return select_tree(code == status.OK, new, old)
+    return new if int(code) == status.OK else old
+
+
 def _weighted_deviations(targets, solution):
     """Return the deviations of all targets, each over its tolerance, as one array [n_target]."""
     found = deviations(targets, solution)
-    return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
+    parts = [d / t.within for d, t in zip(found, targets, strict=True)]
+    return checks.numpy_or_jax(parts).concatenate(parts)
 
 
 def _make_search(phases_with, targets, bounds, method, start, options):
@@ -255,7 +268,7 @@ def _make_search(phases_with, targets, bounds, method, start, options):
     )
 
     def seek(structure, values):
-        flat, back = ravel_pytree(values)
+        flat = flat_vector(values)
         given = structure, phases_with(values), [t.value for t in targets], bounds, start
         if not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
 
@@ -266,6 +279,11 @@ def _make_search(phases_with, targets, bounds, method, start, options):
             return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
 
         given = measure, names, method, start
+
+        @as_program
+        def back(x):
+            return ravel_pytree(values)[1](x)
+
         analyse = MeasuredAnalysis(structure, lambda x: phases_with(back(x)), *given)
         evaluate = functools.partial(_as_evaluation, analyse)
         return fit_on_host(evaluate, values, bounds, steps, tol, listen)
@@ -283,7 +301,7 @@ def _describe_nearly_slack(structure, solution, first_phase):
 
     Returns a tuple of sentences, empty if the analysis failed or is traced.
     """
-    if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
+    if isinstance(solution.status, jax.core.Tracer) or int(solution.status) != status.OK:
         return ()
     stages = [values_per_group(structure, phase.tension) for phase in solution.phases]
     words = []
@@ -309,10 +327,13 @@ def _cables_act_like_bars(targets, solution, found):
     It does if all deviations are the same and no cable is slack at the end of any phase; the
     influence matrix of the bars then also is that of the cables. False while traced.
     """
-    apart = _weighted_deviations(targets, solution) - found.residual
-    slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
-    good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME) & jnp.all(slack == 0)
-    return not isinstance(good, jax.core.Tracer) and bool(good)
+    slack = [phase.path.n_slack for phase in solution.phases]
+    every = _weighted_deviations(targets, solution), found.residual, solution.status, slack
+    if checks.numpy_or_jax(every) is not np:
+        return False
+    apart, residual, code, slack = jax.tree.map(np.asarray, every)
+    same = np.all(np.abs(apart - residual) <= _SAME)
+    return bool(code == status.OK and same and not any(each[-1] for each in slack))
 
 
 def _check_unknowns(phases, unknowns):
@@ -345,5 +366,10 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"
             )
-        values.append(jax.tree.map(lambda x: jnp.asarray(x, float), value))
+        values.append(internals.as_jax_arrays(jax.tree.map(_as_default_float, value)))
     return values
+
+
+def _as_default_float(x):
+    """Return a number or array as an array of the default float type."""
+    return jnp.asarray(x, float) if isinstance(x, jax.core.Tracer) else np.asarray(x, float)

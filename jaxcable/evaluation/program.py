@@ -59,11 +59,8 @@ class Program:
     def traced(self) -> Any:
         """The function as jax has traced it (of `jax.stages`)."""
         with self._lock, without_garbage_collection():
-            sizes = [math.prod(x.shape) for x in self._avals if x.dtype.kind == "f"]
-            quick = max(sizes, default=0) <= _QUICK_ENTRIES
-            options = internals.quick_compile_options() if quick else None
             function = self.function  # a new object: jax forgets the trace together with it
-            return jax.jit(function, compiler_options=options).trace(*self._avals)
+            return jax.jit(function).trace(*self._avals)
 
     @property
     def tree(self) -> Any:
@@ -96,8 +93,11 @@ class Program:
                 return internals.arrays_on_default_device(found)
         with self._lock:
             if self._xla is None:
+                sizes = [math.prod(x.shape) for x in self._avals if x.dtype.kind == "f"]
+                quick = max(sizes, default=0) <= _QUICK_ENTRIES
+                options = internals.quick_compile_options() if quick else None
                 with without_garbage_collection():
-                    self._xla = self.traced.lower().compile()
+                    self._xla = self.traced.lower().compile(options)
         return self._xla(*leaves)
 
     def _run_by_numpy(self, way, leaves):

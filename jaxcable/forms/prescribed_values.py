@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.group_values import is_single_number
+from ..common import checks
 from ..common.selection import Only
 from ..common.tree import Indices, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
@@ -108,7 +108,7 @@ def read_prescribed_values(
 def _where_chosen(values, chosen, otherwise):
     """Return values per group where they are `chosen`, else a number; None for groups without."""
     return [
-        None if value is None else jnp.where(mask, value, otherwise)
+        None if value is None else checks.numpy_or_jax(value).where(mask, value, otherwise)
         for value, mask in zip(values, chosen, strict=True)
     ]
 
@@ -123,13 +123,15 @@ def _prescribed_forces(structure, values, chosen, prescribed):
         if not prescribed[k]:
             found.append(None)
             continue
-        forces = jnp.zeros(len(group.links))
+        forces: ArrayLike = np.zeros(len(group.links))
         if values["tension"][k] is not None:
-            forces = jnp.where(chosen["tension"][k], values["tension"][k], forces)
+            stated = values["tension"][k]
+            forces = checks.numpy_or_jax(stated).where(chosen["tension"][k], stated, forces)
         if chosen["stress"][k].any():
             area = group._axial_section()[2]
             if area is None:
                 raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
-            forces = jnp.where(chosen["stress"][k], values["stress"][k] * area, forces)
+            given = chosen["stress"][k], values["stress"][k] * area, forces
+            forces = checks.numpy_or_jax(given).where(*given)
         found.append(forces)
     return found

@@ -15,6 +15,7 @@ from ..common.selection import Selection
 from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
+from ..evaluation.joining import add_to_zeros
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from .load import Acting, Bundles, OnEveryNode
@@ -184,16 +185,12 @@ def scatter_to_nodes(
     known = [checks.array_if_known(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
-    total: ArrayLike = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)
-    for k, part in enumerate((parts if traced else known)[: shape[1] // 3]):
-        if part is None:
-            continue
-        columns = slice(3 * k, 3 * k + 3)
-        if traced:
-            values = jnp.broadcast_to(jnp.asarray(part, dtype), (len(nodes), 3))
-            total = total.at[nodes, columns].add(values)
-        else:
-            np.add.at(total[:, columns], nodes, np.full((len(nodes), 3), part, dtype))
+    given = [(x, 3 * k) for k, x in enumerate(parts[: shape[1] // 3]) if x is not None]
+    if traced:
+        return add_to_zeros(given, nodes, shape=shape, dtype=dtype)
+    total = np.zeros(shape, dtype)
+    for part, first in given:
+        np.add.at(total[:, first : first + 3], nodes, np.full((len(nodes), 3), part, dtype))
     return total
 
 

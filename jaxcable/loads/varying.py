@@ -10,9 +10,10 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, refuse_if_broken
-from ..common.tree import apply_numpy_or_jax, concatenate, pytree, set_fields, stack_trees
+from ..common.tree import apply_numpy_or_jax, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..common.units import SI, Units
+from ..evaluation.joining import concatenate, stack_trees
 from ..model.structure import Structure
 from .load import Load
 

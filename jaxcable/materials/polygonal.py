@@ -121,29 +121,39 @@ class Polygonal(Law):
     # --- the numbers of the curve
 
     @property
+    def _points(self):
+        """Module to compute with, NumPy where the points are known; stresses and strains, [n]."""
+        xp = checks.numpy_or_jax(self.stress, self.strain)
+        return xp, xp.asarray(self.stress), xp.asarray(self.strain)
+
+    @property
     def _segment_slopes(self):
         """Slopes of the segments between points, Pa, [n - 1]."""
-        return jnp.diff(self.stress) / jnp.diff(self.strain)
+        xp, stress, strain = self._points
+        return xp.diff(stress) / xp.diff(strain)
 
     @property
     def _has_compression(self):
         """Whether the curve has a compression branch, scalar bool."""
-        return jnp.asarray(False) if self.one_sided else self.strain[0] < 0
+        return np.bool_(False) if self.one_sided else self._points[2][0] < 0
 
     @property
     def modulus(self) -> Float[Array, ""]:
         """Slope of the curve at the origin, on the tension side, Pa."""
-        return self._segment_slopes[jnp.sum(self.strain[1:-1] <= 0)]
+        xp, _, strain = self._points
+        return self._segment_slopes[xp.sum(strain[1:-1] <= 0)]
 
     @property
     def capacity(self) -> Pair:
         """Smallest and largest stress of the curve, Pa."""
-        return jnp.where(self._has_compression, jnp.min(self.stress), 0.0), jnp.max(self.stress)
+        xp, stress, _ = self._points
+        return xp.where(self._has_compression, xp.min(stress), 0.0), xp.max(stress)
 
     @property
     def strain_limits(self) -> Pair:
         """Smallest and largest strain of the curve; -inf where compression makes it slack."""
-        return jnp.where(self._has_compression, self.strain[0], -jnp.inf), self.strain[-1]
+        xp, _, strain = self._points
+        return xp.where(self._has_compression, strain[0], -xp.inf), strain[-1]
 
     # --- the law
 

@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.rules import are_rules_kept, collect_rules
-from ..common.tree import Indices, copy_with, pytree, stack_trees
+from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.element_state import ElementLoad, ElementState
+from ..evaluation.joining import stack_trees
 from ..loads import load as kinds
 from ..loads.varying import Amplitude, stack_amplitudes
 from .bundles import Bundles

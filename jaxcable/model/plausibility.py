@@ -69,9 +69,8 @@ def warn_if_unstable(solution: Any) -> None:
     """Warn of phases of a `Solution` that end in an unstable equilibrium, unless it is traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
-    for number, (code, stable) in enumerate(
-        zip(*solution.phases.status_and_stability, strict=True)
-    ):
+    codes, each_stable = map(np.asarray, solution.phases.status_and_stability)
+    for number, (code, stable) in enumerate(zip(codes, each_stable, strict=True)):
         if int(code) == status.OK and not bool(stable):
             checks.warn_user(
                 f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: its "

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import Indices, computed_once
@@ -68,7 +67,7 @@ def topology_of(structure):
             group.results,
             group.hinges,
             (tuple(group.inner_unknowns), group.n_inner_row),
-            str(jax.tree.map(jnp.shape, group.initial_memory())),
+            str(jax.tree.map(lambda x: x.shape, jax.eval_shape(group.initial_memory))),
         )
         for name, group in structure.named_groups()
     )

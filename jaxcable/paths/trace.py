@@ -20,7 +20,7 @@ from ..analysis.solver import solve
 from ..analysis.states import without_extra_rows
 from ..common import checks, status
 from ..common.rules import refuse_if_broken
-from ..common.tree import copy_with, merge_indices
+from ..common.tree import apply_numpy_or_jax, copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
 from ..evaluation.program_calls import as_program
@@ -152,21 +152,18 @@ def trace_path(
 
 def _first_entries(tree, count):
     """Return a pytree of arrays, each cut to its first `count` entries, known ones by NumPy."""
-
-    def cut(a):
-        return a[:count] if isinstance(a, jax.core.Tracer) else jnp.asarray(np.asarray(a)[:count])
-
-    return jax.tree.map(cut, tree)
+    return jax.tree.map(lambda a: apply_numpy_or_jax(lambda _, x: x[:count], a), tree)
 
 
 def check_path_settings(structure, until, down_to, step, largest, tol, through):
     """Check the options of `trace_path`; return them as `PathSettings`. ValueError if invalid."""
-    dtype = jnp.asarray(structure.nodes).dtype
+    dtype = jnp.result_type(structure.nodes)
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
     numbers = until, down_to, step, largest, tol
     refuse_if_broken(PathSettings(*numbers, through).rules())
-    return PathSettings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
+    numbers = (checks.numpy_or_jax(v).asarray(v, dtype) for v in numbers)
+    return PathSettings(*numbers, checks.numpy_or_jax(through).asarray(through, bool))
 
 
 @functools.partial(as_program, static=("capacity", "bundles"))

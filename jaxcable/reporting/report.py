@@ -279,7 +279,7 @@ def _make_tables(structure, solution, envelope, cases, labels, units, chains):
         chains: as for `report`.
     """
     state, end = solution.last, states.last_state(solution)
-    ended = cases is None and solution.status == status.OK  # the end is that of the last phase
+    ended = cases is None and int(solution.status) == status.OK  # the end is that of the last phase
     every = envelope if ended else {"end": end, **envelope}
     several = len(every) > 1
     kind = "ends of phases" if cases is None else "cases"

@@ -63,12 +63,13 @@ def _phase_sentence(structure, last, head, phase):
     text = f"{head}: {int(good.sum())} of {good.size} increments converged"
     if good.any():
         k = np.flatnonzero(good)[-1]
-        count = int(path.n_slack[k])
+        count = int(np.asarray(path.n_slack)[k])
         slack = f"{count or 'no'} slack cable{'s' * (count != 1)}"
         if any(group.compression_only for group in structure.groups):
             slack = f"{count or 'no'} slack cables or open contacts"
-        relative = float(path.relative_residual[k])
-        by_rounding = relative > _TOLERANCE and bool(path.residual[k] <= path.rounding[k])
+        relative = float(np.asarray(path.relative_residual)[k])
+        residual, rounding = np.asarray(path.residual)[k], np.asarray(path.rounding)[k]
+        by_rounding = relative > _TOLERANCE and bool(residual <= rounding)
         text += f", relative residual {relative:.1e}{' (limited by rounding)' * by_rounding}"
         text += f"; {slack}"
     if int(phase.status) != status.OK:

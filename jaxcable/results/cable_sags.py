@@ -179,9 +179,14 @@ def horizontal_tensions(
             found.append(None)
             continue
         own = map_shapes(ElementShapes.horizontal_part, shapes)
-        own = jnp.where(shapes.hangs, own, own * force)
-        found.append(jnp.where(there, own, 0.0))
+        found.append(_horizontal_parts(shapes, own, force, there))
     return structure.arrange(found)
+
+
+@as_program
+def _horizontal_parts(shapes, own, force, there):
+    """Return horizontal parts from those of hanging elements, or cosines of slopes, `own`."""
+    return jnp.where(there, jnp.where(shapes.hangs, own, own * force), 0.0)
 
 
 def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -> list[int]:
@@ -232,6 +237,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
     return nodes
 
 
+@as_program
 def _nan_unless(there, values):
     """Return values [..., n_elem, ...] with NaN for elements that are not active."""
     there = there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim))

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import nan_if_broken, positive
-from ..common.tree import concatenate, stack_trees
 from ..common.types import ArrayLike, Float, Int
+from ..evaluation.joining import concatenate, stack_trees
 from ..materials.law import Law
 from .fibres import Fibres
 from .torsion import are_concentric_circles

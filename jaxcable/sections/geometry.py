@@ -6,8 +6,9 @@ from typing import TypeVar
 
 import jax.numpy as jnp
 
-from ..common.tree import copy_with, stack_trees
+from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Float
+from ..evaluation.joining import stack_trees
 from .fibres import Fibres
 
 AnySection = TypeVar("AnySection", bound=Fibres)

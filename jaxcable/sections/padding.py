@@ -7,7 +7,8 @@ from collections.abc import Hashable, Sequence
 import jax
 import numpy as np
 
-from ..common.tree import concatenate, copy_with
+from ..common.tree import copy_with
+from ..evaluation.joining import concatenate
 from .section import Section
 
 

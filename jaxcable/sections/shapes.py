@@ -12,8 +12,8 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive
-from ..common.tree import stack_trees
 from ..common.types import ArrayLike, Float, Int
+from ..evaluation.joining import stack_trees
 from ..materials.law import Law
 from . import meshes, outlines
 from .composites import NewSection, composite, group_by_law
