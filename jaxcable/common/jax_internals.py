@@ -16,11 +16,12 @@ what is lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing el
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -274,6 +275,28 @@ def is_differentiating() -> bool:
     """Tell whether jax takes a derivative of computations with numbers, outside of a program."""
     kinds = _traces_around() or []
     return not is_tracing() and ("JVPTrace" in kinds or "LinearizeTrace" in kinds)
+
+
+_mesh = _import_members("jax._src.config", "abstract_mesh_context_manager", "config_ext")
+
+
+@contextlib.contextmanager
+def same_context_as_outside() -> Iterator[None]:
+    """Have jax find functions again, in a transpose rule, that it has traced outside of it.
+
+    While jax transposes it sets a mesh of no devices, which means what no mesh means. But its
+    record of traced functions takes it for another context, and everything is traced anew.
+    """
+    setting, module = (None, None) if _mesh is None else _mesh
+    mesh = getattr(setting, "value", None)
+    if not (getattr(mesh, "empty", False) and hasattr(module, "unset")):
+        yield
+        return
+    before = setting.swap_local(module.unset)
+    try:
+        yield
+    finally:
+        setting.set_local(before)
 
 
 def has_xla_started() -> bool | None:

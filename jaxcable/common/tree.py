@@ -177,6 +177,15 @@ class PerElement:
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
+def is_hashable(value: object) -> bool:
+    """Tell whether a value has a hash. A tree structure with traced indices in it has none."""
+    try:
+        hash(value)
+    except TypeError:
+        return False
+    return True
+
+
 def shared_or_stacked(obj: Any) -> Any:
     """Return one object from which to ask what the laws or sections of all elements have in common.
 

@@ -97,7 +97,10 @@ class System(Elementwise):
             The residual conjugate to the step, [n_free], N; a dict as of `results_by_name`.
         """
         row_step = self.space.prolong(x, step)
-        found = self.results_by_name(self.move(x, step), *dict.fromkeys((*names, "end_forces")))
+        # slackness as in `evaluate_output`, whose functions it shares then
+        wanted = {*names, "end_forces", "is_slack"} if names else {"end_forces"}
+        found = self.results_by_name(self.move(x, step), *wanted)
+        found.pop("is_slack", None)
         internal = self.space.conjugate_loads(self._assemble_forces(found["end_forces"]), row_step)
         residual = self.space.restrict(internal - self.external_force(x, row_step), x, row_step)
         return self.space.hold_temporarily_fixed(residual, step), found

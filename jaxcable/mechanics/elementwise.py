@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 
+from ..common import jax_internals as internals
+from ..common.tree import is_hashable
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, Result
 from ..elements.element_state import ElementState
@@ -74,12 +77,9 @@ class Elementwise:
         found = []
         placed = zip(self.gather_at_ends(self.nodes), self.gather_at_ends(motion), strict=True)
         for group, state, at in zip(self.groups, self.states, placed, strict=True):
-            present = [name for name in names if group.has_result(name, state)]
-
-            def read(one, *at, present=present):
-                return one.results_by_name(*at, present)
-
-            values = map_elements_at_ends(read, group, state, at)
+            # in one order, so that all who read the same results share a function
+            present = tuple(sorted(name for name in names if group.has_result(name, state)))
+            values = map_elements_at_ends(_Method("results_by_name", (present,)), group, state, at)
             if PRESENT.name in names and state.present is not None:
                 values[PRESENT.name] = state.present.astype(motion.dtype)
             found.append(values)
@@ -117,11 +117,11 @@ class Elementwise:
         known = [None] * len(self.groups) if known is None else known
         found = []
         for group, state, matrix in zip(self.groups, self.states, known, strict=True):
-            matrix = (
-                evaluate_elements("tangent", group, state, self.nodes, motion)
-                if matrix is None
-                else matrix
-            )
+            if matrix is None and group.evaluates_forces_with_tangent(state):
+                at = group, state, self.nodes, motion  # the function of `forces_and_tangents`
+                matrix = evaluate_elements("forces_and_tangent", *at)[1]
+            elif matrix is None:
+                matrix = evaluate_elements("tangent", group, state, self.nodes, motion)
             count = len(matrix)
             found.append(matrix.reshape(count, -1, round((matrix.size // count) ** 0.5)))
         return found
@@ -136,11 +136,7 @@ class Elementwise:
             gravity: acceleration by which weights are divided, m/s2.
             distribution: as in `Element.mass_matrix`.
         """
-
-        def of_element(one, state, ends, motion, mass):
-            return one.mass_matrix(state, ends, motion, mass, distribution)
-
-        found = []
+        mass_matrix, found = _Method("mass_matrix", (distribution,)), []
         shapes = jax.eval_shape(lambda: self.tangents(motion))
         for group, state, shape in zip(self.groups, self.states, shapes, strict=True):
             weights = group.weights(state)
@@ -148,7 +144,7 @@ class Elementwise:
                 found.append(jnp.zeros(shape.shape, shape.dtype))
                 continue
             at, beside = (self.nodes[group.links], motion[group.links]), (weights / gravity,)
-            found.append(map_elements_at_ends(of_element, group, state, at, beside))
+            found.append(map_elements_at_ends(mass_matrix, group, state, at, beside))
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
@@ -220,9 +216,8 @@ class Elementwise:
                 )
             else:
                 at = self.nodes[group.links], motion[group.links]
-                found.append(
-                    map_elements_at_ends(_memory_committer(duration), group, state, at, absent=True)
-                )
+                commit = _Method("committed_memory", (duration,))
+                found.append(map_elements_at_ends(commit, group, state, at, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:
@@ -234,9 +229,20 @@ class Elementwise:
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def _memory_committer(duration):
-    """Return a function that commits history variables of one element after `duration`, s."""
-    return lambda one, state, ends, motion: one.committed_memory(state, ends, motion, duration)
+@dataclasses.dataclass(frozen=True)
+class _Method:
+    """A method of one element as a function: equal ones are the same function to jax.
+
+    Attributes:
+        name: name of the method.
+        further: its arguments after those with which it is called, hashable.
+    """
+
+    name: str
+    further: tuple[Any, ...] = ()
+
+    def __call__(self, one: Element, *arguments: Any) -> Any:
+        return getattr(one, self.name)(*arguments, *self.further)
 
 
 def evaluate_elements(
@@ -253,11 +259,7 @@ def evaluate_elements(
     The method takes (state, ends, motion, ...) of one element. `nodes` and `motions` are those of
     all rows; `exact` and `absent` are those of `map_elements_at_ends`.
     """
-
-    def one(law, *at):
-        return getattr(law, method)(*at)
-
-    return map_elements(one, group, state, nodes, *motions, exact=exact, absent=absent)
+    return map_elements(_Method(method), group, state, nodes, *motions, exact=exact, absent=absent)
 
 
 def map_elements(
@@ -285,7 +287,8 @@ def map_elements_at_ends(
     """Call ``function(one, state, ends, motion, *beside)`` for all elements of a group, by vmap.
 
     Args:
-        function: function of one element, `one`.
+        function: function of one element, `one`. It is traced once for all calls in the same shapes
+            if it is the same object, or an equal one (of the module, not a lambda).
         group, state: elements and their state.
         at: initial positions, and motions, at the ends of the elements, [n_elem, n_end, ...].
         beside: further arrays [n_elem, ...].
@@ -299,20 +302,34 @@ def map_elements_at_ends(
     Returns:
         Results of all elements, arrays [n_elem, ...].
     """
-    exact = jnp.asarray(exact)
+    properties = group.properties()
+    law = single_element(group, dict.fromkeys(properties))
     nodes, *motions = at
-    motions = [_motion_columns(group, motion) for motion in motions]
+    at = nodes, *(_motion_columns(group, motion) for motion in motions)
+    arrays = law, properties, state, at, beside, jnp.asarray(exact)
+    if internals.is_tracing() and is_hashable(jax.tree.structure(arrays)):
+        return _trace_elements_once(function, absent, *arrays)
+    return _map_elements(function, absent, *arrays)
+
+
+def _map_elements(function, absent, law, properties, state, at, beside, exact):
+    """Return `map_elements_at_ends` of a group `law` without links and without `properties`."""
+    nodes, *motions = at
     if state.present is not None:
         motions = [_zero_motion_unless(state.present, motion) for motion in motions]
 
     def one(properties, beside, *at):
-        law = single_element(group, properties)
+        single = single_element(law, properties)
         return function(
-            law, *(law.rebased_element(*at, exact) if has_low_part(at[-1]) else at), *beside
+            single, *(single.rebased_element(*at, exact) if has_low_part(at[-1]) else at), *beside
         )
 
-    found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
+    found = jax.vmap(one)(properties, beside, state, nodes, *motions)
     return found if absent or isinstance(found, ElementState) else state.zero_where_absent(found)
+
+
+_trace_elements_once = jax.jit(_map_elements, static_argnums=(0, 1))
+"""One function for all calls in the same shapes, also of several programs, and its derivatives."""
 
 
 def _zero_motion_unless(present, motion):

@@ -295,6 +295,7 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
 
 
 @without_garbage_collection()
+@internals.same_context_as_outside()
 def _root_tangent_transpose(cotangents, *arrays, shapes, **given):
     """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve.
 
