@@ -186,7 +186,8 @@ def _call_jvp(primals, tangents, *, program, **_):
     moving = tuple(
         k
         for k, (x, change) in enumerate(zip(primals, tangents, strict=True))
-        if jnp.issubdtype(jax.typeof(x).dtype, jnp.inexact) and not internals.is_zero_tangent(change)
+        if jnp.issubdtype(jax.typeof(x).dtype, jnp.inexact)
+        and not internals.is_zero_tangent(change)
     )
     if not moving:
         found = _CALL.bind(*primals, program=program)

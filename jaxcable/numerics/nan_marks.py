@@ -24,8 +24,8 @@ from ..common.types import Array, ArrayLike, Bool, Float
 
 
 def nan_unless_valid(
-    ok: Bool[ArrayLike, ""], arrays: Sequence[Float[Array, "..."]], probe: Float[Array, ""]
-) -> list[Float[Array, "..."]]:
+    ok: Bool[ArrayLike, ""], arrays: Sequence[Float[Array, " ..."]], probe: Float[Array, ""]
+) -> list[Float[Array, " ..."]]:
     """Return arrays if `ok`, else NaN with NaN derivatives by them and by what a probe depends on.
 
     Args:
