@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common.deferred import deferred
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear import Matrix
@@ -116,12 +117,9 @@ class ConicEquations:
             load=load,
             length=length,
         )
-        given = system, x, responses, piece_length
-        return lax.cond(
-            unknowns.has_interior_matrix,
-            lambda: mixed._with_interior_matrix(*given),
-            lambda: mixed,
-        )
+        given = mixed, system, x, responses, piece_length
+        interior = deferred(lambda own, *given: own._with_interior_matrix(*given), mixed)
+        return lax.cond(unknowns.has_interior_matrix, lambda: interior(*given), lambda: mixed)
 
     def _with_interior_matrix(self, system, x, responses, piece_length):
         """Return the equations of an interior or finishing step, made from those of a mixed step.
@@ -259,9 +257,9 @@ class ConicEquations:
             after = copy_with(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
             return after, fraction, jnp.zeros((), bool)
 
-        def interior_step():
-            given = self, system, now, moved_along, moved, definite
-            inner, fraction, predicted = unknowns.interior_point.take_half_step(*given)
+        def interior_step(own, *given):
+            unknowns = own.unknowns
+            inner, fraction, predicted = unknowns.interior_point.take_half_step(own, *given)
             blocked = unknowns.blocked_steps
             short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
             after = copy_with(
@@ -272,7 +270,9 @@ class ConicEquations:
             )
             return after, fraction, predicted
 
+        mixed, given = newton_step(), (self, system, now, moved_along, moved, definite)
+        interior = deferred(interior_step, mixed)
         after, fraction, predicted = lax.cond(
-            unknowns.uses_interior_point, interior_step, newton_step
+            unknowns.uses_interior_point, lambda: interior(*given), lambda: mixed
         )
         return copy_with(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

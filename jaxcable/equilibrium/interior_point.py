@@ -27,6 +27,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common.deferred import deferred
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
@@ -175,8 +176,16 @@ class LengthBoundEquations:
             length=length,
             unknowns=copy_with(unknowns, guess=guess),
         )
-        interior = mixed._interior_step_equations
-        given = system, x, responses, assemble_residual
+        given = mixed, system, x, responses
+        if assemble_residual is None:
+            interior = deferred(
+                lambda own, *given: own._interior_step_equations(*given, None), mixed
+            )
+        else:  # which may hold traced values
+
+            def interior(own, *given):
+                return own._interior_step_equations(*given, assemble_residual)
+
         return lax.cond(unknowns.uses_interior_point, lambda: interior(*given), lambda: mixed)
 
     def _interior_step_equations(self, system, x, responses, assemble_residual):
@@ -261,12 +270,14 @@ class LengthBoundEquations:
         elongation = linearized_elongation(system, self.unit_forces, spread)
         now = self.base_tension + self.slope * elongation
         mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
+
+        def take(own, now, elongation, system, spread):
+            motion = jnp.max(relative_motion_along_cables(system, spread))
+            return own._take_interior_step(now, elongation, motion)
+
+        interior, given = deferred(take, mixed), (self, now, elongation, system, spread)
         after, fraction = lax.cond(
-            unknowns.uses_interior_point,
-            lambda: self._take_interior_step(
-                now, elongation, jnp.max(relative_motion_along_cables(system, spread))
-            ),
-            lambda: mixed,
+            unknowns.uses_interior_point, lambda: interior(*given), lambda: mixed
         )
         new, count = jnp.zeros((), bool), unknowns.steps_in_mode + 1
         return copy_with(after, is_new_mode=new, steps_in_mode=count), fraction, jnp.zeros((), bool)

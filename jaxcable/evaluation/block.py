@@ -108,17 +108,28 @@ class Names:
 
     def function(self, program: Any) -> str:
         """Return the name of the function that computes a jaxpr, written at its first call."""
-        key = id(program)
+        return self.later(program, lambda: program)
+
+    def later(self, owner: Any, make: Callable[[], Any]) -> str:
+        """Return the name of a function; its jaxpr is made, and written, at its first call.
+
+        `owner` is an object that stands for the function: the same one has the same name.
+        """
+        key = id(owner)
         if key not in self._functions:
             name = self.new("g")
 
             def first(*arguments):
-                self.space[name] = self.make_function(self, program)
+                self.space[name] = self.make_function(self, make())
                 return self.space[name](*arguments)
 
             self.space[name] = first
-            self._functions[key] = name, program
+            self._functions[key] = name, owner
         return self._functions[key][0]
+
+    def add_calls(self, counts: dict[int, int]) -> None:
+        """Add the numbers of calls of jaxprs, by address, in a part that was traced later."""
+        self._n_call = {**self._n_call, **counts}
 
     def is_called_once(self, jaxpr: Any) -> bool:
         """Tell whether a jaxpr of the program is called in one place only."""

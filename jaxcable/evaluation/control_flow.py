@@ -11,7 +11,7 @@ from ..common import host_calls
 from ..common import jax_internals as internals
 from .block import Value
 from .rules import rule
-from .writing import inner_jaxpr, write_callable, write_equations
+from .writing import count_calls, inner_jaxpr, write_callable, write_equations
 
 
 def _variable(block, aval):
@@ -251,3 +251,20 @@ def write_by_tracing(block, equation, inputs):
     evaluate = internals.functions_of_primitives[equation.primitive]
     program = jax.make_jaxpr(functools.partial(evaluate, **equation.params))(*avals)
     return write_equations(block, *inner_jaxpr(program), inputs)
+
+
+@rule("deferred")
+def _deferred(block, equation, inputs):
+    """Write a call of a function that is traced when it is first called."""
+    avals = [jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype) for x in equation.invars]
+    function = equation.params["function"]
+
+    def make():
+        program = jax.make_jaxpr(function)(*avals)
+        block.names.add_calls(count_calls(program))
+        return program
+
+    name = block.names.later(function, make)
+    places = "".join(f",{{{k}}}" for k in range(len(inputs)))
+    results = [x.aval for x in equation.outvars]
+    return block.write_call(f"{name}(w{places})", [block.full(x) for x in inputs], results)

@@ -200,3 +200,33 @@ def _select(block, equation, inputs):
     if which.held == () and which.depth == 0:
         return [cases[int(block.names.known[which.name])]]
     return write_each(block, "np.where({0},{2},{1})", inputs, aval)
+
+
+# --- of this package
+
+
+@rule("nan_unless")
+def _nan_unless(block, equation, inputs):
+    ok, _, *arrays = inputs
+    nan = block.names.helper(lambda: _nan_like)
+    found = []
+    for x, own in zip(arrays, equation.outvars, strict=True):
+        if ok.shape:  # for each entry along the first axes
+            axes = (*ok.shape, *(1,) * (len(x.shape) - len(ok.shape)))
+            along = block.write(f"{{0}}.reshape({axes})", [block.full(ok)], axes, ok.dtype)
+            found += write_each(
+                block, f"np.where({{0}},{{1}},{nan}({{1}}))", [along, block.full(x)], own.aval
+            )
+        elif ok.depth == 0:
+            known = block.names.constant(np.asarray(np.nan, x.dtype), x.shape)
+            found.append(x if block.names.known[ok.name] else known)
+        else:
+            found.append(
+                block.write(f"{{1}} if {{0}} else {nan}({{1}})", [ok, x], x.shape, x.dtype, x.held)
+            )
+    return found
+
+
+def _nan_like(x):
+    """Return NaN in the shape and dtype of an array or a number."""
+    return np.full(np.shape(x), np.nan, x.dtype)[()]

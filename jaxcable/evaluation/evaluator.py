@@ -14,7 +14,10 @@ from .writing import LimitReachedError, count_calls, inner_jaxprs, make_function
 
 
 def count_equations(program: Any) -> int:
-    """Return the number of equations of a closed jaxpr, those of every call counted."""
+    """Return the number of equations of a closed jaxpr, those of every call counted.
+
+    What is deferred (`common.deferred`) counts as one: it is not traced yet.
+    """
     known: dict[int, int] = {}
 
     def count(jaxpr):

@@ -12,7 +12,6 @@ from typing import Any, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from .. import linear
@@ -20,6 +19,7 @@ from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import FactoredMatrix
 from .implicit_root import TangentSolver, implicit_root
+from .nan_marks import nan_unless_valid
 
 Tree = TypeVar("Tree")
 System: TypeAlias = Any
@@ -166,13 +166,13 @@ def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     It serves for results whose derivative is not computed: a zero would be silently wrong.
     """
     probe = gradient_probe(parameters)
-
-    def one(x):
-        x = jnp.asarray(x)
-        floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return _identity_with_nan_derivative(lax.stop_gradient(x), probe) if floating else x
-
-    return jax.tree.map(one, tree)
+    leaves, shape = jax.tree.flatten(tree)
+    leaves = [jnp.asarray(x) for x in leaves]
+    places = [k for k, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating)]
+    floats = [lax.stop_gradient(leaves[k]) for k in places]
+    for k, x in zip(places, _with_nan_derivatives(floats, probe), strict=True):
+        leaves[k] = x
+    return shape.unflatten(leaves)
 
 
 def first_derivative_only(tree: Tree) -> Tree:
@@ -201,7 +201,8 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
         tree: the values.
         probe: ``gradient_probe(parameters)``, which is cheaper if it is computed outside of loops.
     """
-    return jax.tree.map(lambda x: _identity_or_nan(ok, x, probe), tree)
+    leaves, shape = jax.tree.flatten(tree)
+    return shape.unflatten(nan_unless_valid(ok, [jnp.asarray(x) for x in leaves], probe))
 
 
 def gradient_probe(parameters: PyTree[Any]) -> Float[Array, ""]:
@@ -226,52 +227,17 @@ def _probe_of_floats_jvp(primals, tangents):
     return _probe_of_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
-def _identity_or_nan(ok, x, probe):
-    """Return the array `x` if `ok`, else NaN with NaN derivatives by `x` and `probe`.
-
-    The map is linear in `x` and in `probe`, the result of `gradient_probe`. Its transpose gives
-    NaN, to `x` and through `probe` to every parameter, only where a cotangent is not zero. A
-    product with NaN would give 0 NaN for cases of a batch whose cotangent is zero, and pollute the
-    parameters that the cases share. Tracing cannot yield such a pair of maps;
-    `lax.custom_linear_solve` of the identity takes both as given, and all transformations work on
-    it.
-    """
-
-    def identity(v):
-        return v
-
-    def forward(_, b):
-        x, probe = b
-        return jnp.where(ok, x, jnp.nan), jnp.where(jnp.all(ok), probe, jnp.nan)
-
-    def backward(_, b):
-        x, probe = b
-        kept = ok | (x == 0)
-        return jnp.where(kept, x, jnp.nan), jnp.where(jnp.all(kept), probe, jnp.nan)
-
-    def beside(x, other):
-        """`x`, made differentiable wherever `other` is (jax 0.10 wants both or none)."""
-        return x + jnp.where(np.False_, other, 0.0)
-
-    if not x.size:
-        return x
-    ok = jnp.reshape(ok, (-1, *(1,) * (x.ndim - 1))) if jnp.ndim(ok) else ok
-    probe = probe.astype(x.dtype)
-    both = beside(x, probe), beside(probe, x.ravel()[0])
-    return beside(*lax.custom_linear_solve(identity, both, forward, backward))
-
-
 @jax.custom_jvp
-def _identity_with_nan_derivative(x, probe):
-    """Return `x` with derivative NaN with respect to everything that `probe` depends on."""
-    return x
+def _with_nan_derivatives(arrays, probe):
+    """Return a list of arrays with derivatives NaN by everything that `probe` depends on."""
+    return arrays
 
 
-@_identity_with_nan_derivative.defjvp
-def _identity_with_nan_derivative_jvp(primals, tangents):
-    """Return `x` and its tangent: NaN if the tangent of the probe is not zero."""
-    x = primals[0]
-    return x, _identity_or_nan(False, jnp.zeros_like(x), tangents[1])
+@_with_nan_derivatives.defjvp
+def _with_nan_derivatives_jvp(primals, tangents):
+    """Return the arrays and their tangents: NaN if the tangent of the probe is not zero."""
+    arrays = primals[0]
+    return arrays, nan_unless_valid(False, [jnp.zeros_like(x) for x in arrays], tangents[1])
 
 
 @jax.custom_jvp
@@ -284,4 +250,5 @@ def _identity_with_nan_second_derivative(x):
 def _identity_with_nan_second_derivative_jvp(primals, tangents):
     """Return `x` and its tangent, whose own derivative is NaN."""
     (x,), (change,) = primals, tangents
-    return x, change * _identity_with_nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))
+    (one,) = _with_nan_derivatives([jnp.ones((), x.dtype)], jnp.sum(x))
+    return x, change * one
