@@ -108,8 +108,8 @@ SOLVES = {
     ),
 }
 
-LONG = "as built", "fibres"
-"""Kinds whose programs work long enough to be compiled, in the end."""
+MOST = {"as built": 2}
+"""Programs that a kind may compile: one for which NumPy has no rules, and that of its options."""
 
 
 def test_counts_programs():
@@ -125,14 +125,13 @@ def test_counts_programs():
 @pytest.mark.parametrize("kind", SOLVES)
 def test_first_solve_compiles_nothing(kind):
     """Structure, phases, analysis and what is read of the solution."""
-    way = "numpy" if kind in LONG else "auto"
-    with jc.evaluation(way), compiled_programs() as names:
+    with compiled_programs() as names:
         solution = jc.solve(*SOLVES[kind]())
         text = f"{solution!r} {solution.phases!r} {solution.phases[-1].path!r} {solution.last!r}"
         assert jc.describe(solution.status) == "converged" and "converged" in text
         solution.displacement_since(0), solution.displacement_until(0)
         assert solution.rotation_vector is None or kind == "fibres"
-    assert not names
+    assert len(names) <= MOST.get(kind, 0), names
 
 
 def test_next_phases_compile_nothing():
