@@ -3,8 +3,8 @@
 The map from arrays and a *probe*, a zero that depends on all parameters, to these arrays is linear.
 Its transpose gives NaN, to the arrays and through the probe to every parameter, only where a
 cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose cotangent is
-zero, and pollute the parameters that the cases share. Tracing cannot yield such a pair of maps: both
-are primitives, each with the other one as its transpose, for as many arrays as there are.
+zero, and pollute the parameters that the cases share. Tracing cannot yield such a pair of maps:
+both are primitives, each with the other one as its transpose, for as many arrays as there are.
 """
 
 from __future__ import annotations
