@@ -6,7 +6,7 @@ A step that does not reduce the largest error, or that an analysis does not foll
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -65,8 +65,10 @@ def search(
         The unknowns; OK, NOT_AS_BUILT, or the status of the first analysis if that has failed; and
             the errors at the last unknowns that were better than those before, [n].
     """
-    one, still = np.ones((), guess.dtype), np.zeros(guess.shape, guess.dtype)
-    unknown, zero, going_on = still + np.nan, np.zeros((), np.int32), np.zeros((), bool)
+    one: Any = np.ones((), guess.dtype)
+    still: Any = np.zeros(guess.shape, guess.dtype)
+    zero: Any = np.zeros((), np.int32)
+    unknown, going_on = still + np.nan, zero != 0
     state = Iterate(guess, still, one, np.inf * one, unknown, zero, zero, going_on)
 
     def advance(state):

@@ -166,6 +166,7 @@ def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     It serves for results whose derivative is not computed: a zero would be silently wrong.
     """
     probe = gradient_probe(parameters)
+    shape: Any
     leaves, shape = jax.tree.flatten(tree)
     leaves = [jnp.asarray(x) for x in leaves]
     places = [k for k, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating)]
@@ -201,6 +202,7 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
         tree: the values.
         probe: ``gradient_probe(parameters)``, which is cheaper if it is computed outside of loops.
     """
+    shape: Any
     leaves, shape = jax.tree.flatten(tree)
     return shape.unflatten(nan_unless_valid(ok, [jnp.asarray(x) for x in leaves], probe))
 

@@ -131,7 +131,7 @@ def _batch_unmark(arguments, axes, *, probe):
     return found, [0] * len(found)
 
 
-_MARKED = internals.define_primitive(
+_MARKED: Any = internals.define_primitive(
     "nan_unless",
     _mark,
     lambda ok, probe, *arrays: list(arrays),
@@ -141,7 +141,7 @@ _MARKED = internals.define_primitive(
     multiple_results=True,
     narrow=lambda used, count: (used, [True, True, *used], {}),
 )
-_UNMARKED = internals.define_primitive(
+_UNMARKED: Any = internals.define_primitive(
     "nan_cotangents",
     _unmark,
     _shapes_of_unmarked,
