@@ -472,7 +472,7 @@ CLAIMS = [
     ),
     Claim(
         "README.md",
-        r"The first call takes (.+),\s+a gradient after it (.+),\s+mostly for compilation",
+        r"The first call takes (.+),\s+a gradient after it (.+),\s+mostly to trace programs",
         first_calls_by_version,
     ),
     Claim(
