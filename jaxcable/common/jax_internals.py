@@ -1,14 +1,12 @@
 """Names of jax and XLA that may change from version to version, each with what replaces it.
 
-Everything that the package takes from jax beyond its documented interface is here, as are the
-options of XLA. A name that is missing costs speed, never a result: `warn_missing_feature` says once
-what is lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said. When jax
-0.10 is no longer supported, some of it is needless, with its guards:
+All that the package takes from jax beyond its documented interface, and the options of XLA. A name
+that is missing costs speed, never a result: `warn_missing_feature` says once what is lost. The
+names were there in jax 0.10 to 0.12 (`TESTED`). Without jax 0.10 some of it is needless:
 
 - `define_primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
-  reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no
-  reverse mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`,
-  jax-ml/jax#13283).
+  reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no reverse
+  mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`, jax-ml/jax#13283).
 - `register_host_function`: jax's own cache keeps programs with callbacks since jax-ml/jax#38405;
   but a callback makes arrays of jax, for which a busy program can wait for ever.
 - `quick_compile_options`: XLA has no older emitters since jax 0.12.
@@ -168,12 +166,6 @@ def abstract_argument(x: Any) -> jax.ShapeDtypeStruct:
     """Return shape and dtype of an argument, which may be a number of Python or be traced."""
     aval = x if isinstance(x, jax.core.ShapedArray) else jax.typeof(x)
     return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
-
-
-def without_axis(x: jax.ShapeDtypeStruct, axis: int) -> jax.ShapeDtypeStruct:
-    """Return the shape of a case of a batch along an axis."""
-    shape = x.shape[:axis] + x.shape[axis + 1 :]
-    return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
 
 
 def as_operand(x: Any) -> Any:
@@ -394,10 +386,7 @@ def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
 
 
 def as_jax_arrays(tree: Any) -> Any:
-    """Return a tree with arrays of jax in place of those of NumPy and of numbers; compiles nothing.
-
-    What is traced, and what is an array of jax, stays as it is. Dtypes are those of `jnp.asarray`.
-    """
+    """Return a tree with arrays of jax in place of arrays of NumPy and numbers."""
     shape: Any
     leaves, shape = jax.tree.flatten(tree)
     places = [k for k, x in enumerate(leaves) if not isinstance(x, jax.Array)]

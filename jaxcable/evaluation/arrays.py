@@ -164,7 +164,7 @@ def _reduce(function, block, equation, inputs):
     if function in ("np.logical_and", "np.logical_or") and dtype.kind != "b":
         function = {"np.logical_and": "np.bitwise_and", "np.logical_or": "np.bitwise_or"}[function]
     if function in ("np.maximum", "np.minimum") and empty:
-        raise NotImplementedError("a maximum of nothing")
+        return [block.names.constant(np.full(shape, _limit(function == "np.minimum", dtype)))]
     repeats = function not in ("np.add", "np.multiply", "np.bitwise_xor")
     if x.held == () and repeats and not empty:
         return [x._replace(shape=shape)]
@@ -173,6 +173,15 @@ def _reduce(function, block, equation, inputs):
     x = block.full(x)
     work = 1 + math.prod(x.shape) / 1000
     return [block.write(f"{function}.reduce({{0}},{axis}{typed})", [x], shape, dtype, work=work)]
+
+
+def _limit(largest, dtype):
+    """Return the largest or the smallest number of a dtype: the minimum or maximum of nothing."""
+    if dtype.kind == "b":
+        return np.bool_(largest)
+    if dtype.kind == "f":
+        return dtype.type(np.inf if largest else -np.inf)
+    return dtype.type(np.iinfo(dtype).max if largest else np.iinfo(dtype).min)
 
 
 for _name, _function in _REDUCTIONS.items():

@@ -86,6 +86,8 @@ def _write(block, equation, inputs, text):
     """Write a call with the results of an equation; none where there is nothing to compute."""
     avals = [x.aval for x in equation.outvars]
     inputs = [block.full(x) for x in inputs]
+    if not any(math.prod(a.shape) for a in avals):
+        return [block.names.constant(np.zeros(a.shape, a.dtype)) for a in avals]
     if any(not math.prod(x.shape) for x in inputs):
         raise NotImplementedError("linear algebra of nothing")
     if len(avals) == 1:

@@ -24,6 +24,7 @@ from ..common.compilation import (
     program_settings,
     without_garbage_collection,
 )
+from ..common.fusion import are_loops_fused
 from .program import MappedProgram, Program
 
 MOST_PROGRAMS = 32
@@ -52,8 +53,9 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
     def run(*arguments, axes=None, **options):
         leaves, tree = jax.tree.flatten(arguments)
         alone = _CALL is not None and not internals.is_tracing() and not is_debugging()
-        if "alone" in static:
-            options["alone"] = alone
+        traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
+        if "alone" in static:  # a batch of a function with fused loops is mapped in its kernel
+            options["alone"] = alone and not (traced and are_loops_fused())
 
         def own(*leaves):
             return function(*tree.unflatten(leaves), **options)
@@ -66,7 +68,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         signature = tuple(map(_signature, leaves))
         key = tree, signature, tuple(options.items()), axes, program_settings()
         program = known.find(key, lambda: _make_program(own, leaves, axes))
-        if any(isinstance(x, jax.core.Tracer) for x in leaves):
+        if traced:
             found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
         else:
             found = program.run(leaves)
@@ -109,8 +111,14 @@ def _make_program(function, leaves, axes):
     if axes is None:
         return Program(function, leaves)
     pairs = zip(map(internals.abstract_argument, leaves), axes, strict=True)
-    case = [x if axis is None else internals.without_axis(x, axis) for x, axis in pairs]
+    case = [x if axis is None else _without_axis(x, axis) for x, axis in pairs]
     return MappedProgram(Program(function, case), axes, leaves)
+
+
+def _without_axis(x, axis):
+    """Return the shape of a case of a batch along an axis."""
+    shape = x.shape[:axis] + x.shape[axis + 1 :]
+    return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
 
 
 def _signature(x):

@@ -2,8 +2,7 @@
 
 A `System` has everything that is constant while equilibrium is sought at one load factor: elements,
 loads, and the space in which nodes move (`spaces`). The point ``x`` of an iteration is the motion
-of all rows, [n_row, n_motion], which begins with displacements, m. A step [n_free] is a change of
-all unknowns (degrees of freedom).
+of all rows, [n_row, n_motion], displacements first, m. A step [n_free] changes all unknowns.
 """
 
 from __future__ import annotations
@@ -97,10 +96,9 @@ class System(Elementwise):
             The residual conjugate to the step, [n_free], N; a dict as of `results_by_name`.
         """
         row_step = self.space.prolong(x, step)
-        # slackness as in `evaluate_output`, whose functions it shares then
-        wanted = {*names, "end_forces", "is_slack"} if names else {"end_forces"}
+        # with slackness, it shares the functions of `evaluate_output`
+        wanted = sorted({*names, "end_forces", *(["is_slack"] if names else [])})
         found = self.results_by_name(self.move(x, step), *wanted)
-        found.pop("is_slack", None)
         internal = self.space.conjugate_loads(self._assemble_forces(found["end_forces"]), row_step)
         residual = self.space.restrict(internal - self.external_force(x, row_step), x, row_step)
         return self.space.hold_temporarily_fixed(residual, step), found

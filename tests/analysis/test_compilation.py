@@ -93,7 +93,8 @@ LINES = {
     "flat_net": (2500, 4600),
     # some 500 for interior-point steps of cables beside other elements (`partial_net`)
     "geiger_dome": (2900, 5200),
-    "isolated_cable": (4200, 9900),
+    # some 500 for kernels as functions, which are traced once
+    "isolated_cable": (4700, 10400),
     "strung_arch": (6100, 12700),
     # nothing is free: the gradient of displacements has no laws in it
     "suspended_cable": (8300, 8500),

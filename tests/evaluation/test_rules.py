@@ -161,6 +161,11 @@ SHAPED = {
     ),
     "reduce": lambda x: [f(x, a) for f in (jnp.max, jnp.min) for a in (0, -1)],
     "any": lambda x: ((x > 0).any(0), (x > 0).all(), jnp.max(x > 0), jnp.min(x > 0, 0)),
+    "of nothing": lambda x: (
+        *(lax.reduce_max(y[:0], (0,)) for y in (x, x > 0, x.astype(int))),
+        *(lax.reduce_min(y[:0], (0,)) for y in (x, x > 0, x.astype(int))),
+        jnp.linalg.cholesky(jnp.zeros((0, 0))),
+    ),
     "bits": lambda x: (
         lax.reduce(x.astype(jnp.int32), np.int32(0), lax.bitwise_or, (0,)),
         lax.reduce(x.astype(jnp.int32), np.int32(-1), lax.bitwise_and, (0,)),
@@ -387,7 +392,15 @@ def test_every_rule_has_been_compared():
     for function in LOOPS.values():
         by_numpy(function, np.ones((4, 3)))
     # names of other versions of jax; primitives of this package; what only whole analyses have
-    elsewhere = {"traced", "ffi_call", "debug_callback", "io_callback", "add_any"}
+    elsewhere = {
+        "traced",
+        "deferred",
+        "nan_unless",
+        "ffi_call",
+        "debug_callback",
+        "io_callback",
+        "add_any",
+    }
     missing = set(RULES) - SEEN - elsewhere
     print(sorted(missing))
     assert missing <= OTHER_VERSIONS
