@@ -189,3 +189,11 @@ def _make_eigh(letter, lower):
         return vectors, values
 
     return _for_each(eigh, 2)
+
+
+@rule("qr")
+def _qr(block, equation, inputs):
+    if equation.params.get("pivoting"):
+        raise NotImplementedError("qr with pivoting")
+    mode = "complete" if equation.params["full_matrices"] else "reduced"
+    return _write(block, equation, inputs, f"tuple(np.linalg.qr({{0}},'{mode}'))")

@@ -262,6 +262,7 @@ MATRICES = {
     "solve": lambda a, b: (jnp.linalg.solve(a, b), jnp.linalg.solve(a, b[0])),
     "lu": lambda a, b: lax.linalg.lu(jnp.stack([a - 3.0, b - 2.0])),
     "inverse": lambda a, b: (jnp.linalg.inv(a), jnp.linalg.det(b)),
+    "qr": lambda a, b: (jnp.linalg.qr(a), jnp.linalg.qr(jnp.stack([a, b])[:, :, :1], "complete")),
     "eigenvalues": lambda a, b: jnp.abs(jnp.linalg.eigh(a)[0]),
 }
 for _left in (True, False):
