@@ -12,8 +12,9 @@ class Cases(NamedTuple):
         batches: load cases of a net of 48 unknowns, plain and with fused loops.
         hard: free nodes on a side of the net with slack cables.
         first_calls: scenes whose first call is measured, by the name in the table.
-        evaluated: scenes whose calls outside of jit are measured, by NumPy and by XLA.
-        evaluated_in_all_kinds: those of which Hessian and batch are measured, too.
+        evaluated: scenes whose first calls outside of jit are measured; the first in all kinds.
+        compiled: those that are measured with XLA alone, too.
+        called: scenes and kinds of which many calls are measured.
         evaluated_calls: numbers of calls.
         nets: nets of different shape that one process analyses.
         gradients: free nodes on a side, and pairs of calls.
@@ -38,7 +39,8 @@ class Cases(NamedTuple):
     hard: int
     first_calls: dict
     evaluated: tuple
-    evaluated_in_all_kinds: tuple
+    compiled: tuple
+    called: tuple
     evaluated_calls: tuple
     nets: int
     gradients: dict
@@ -79,9 +81,13 @@ FULL = Cases(
         "flat net, 8 phases": "phases 8",
         "flat net, 32 phases": "phases 32",
     },
-    evaluated=("flat_net", "isolated_cable", "guyed_mast"),
-    evaluated_in_all_kinds=("flat_net", "isolated_cable"),
-    evaluated_calls=(1, 3, 10, 100, 1000),
+    evaluated=(
+        *("flat_net", "hypar_net", "geiger_dome", "isolated_cable", "suspended_cable"),
+        *("strung_arch", "guyed_mast", "cable_stayed_bridge"),
+    ),
+    compiled=("flat_net", "guyed_mast"),
+    called=(("flat_net", "plain"), ("guyed_mast", "plain")),
+    evaluated_calls=(1, 3, 10, 100),
     nets=500,
     gradients={2: 201, 10: 61, 20: 61},
     increments=(1, 10, 100),
@@ -106,7 +112,8 @@ QUICK = Cases(
     hard=4,
     first_calls={"flat net": "flat_net"},
     evaluated=("flat_net",),
-    evaluated_in_all_kinds=(),
+    compiled=(),
+    called=(("flat_net", "plain"),),
     evaluated_calls=(1, 3),
     nets=2,
     gradients={2: 3},

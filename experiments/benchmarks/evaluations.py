@@ -1,7 +1,7 @@
 """What is gained by evaluating programs with NumPy first, and what is lost?
 
-Question   Seconds of first calls outside of `jax.jit`, by default and where everything is compiled;
-           seconds of 1, 3, 10, 100 and 1 000 calls by default, by NumPy and by XLA alone.
+Question   Seconds of first calls outside of `jax.jit`, by default and, for some, where everything is
+           compiled; seconds of 1 to 100 calls by default, by NumPy and by XLA alone.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
 Error      None: `tests/evaluation` compares the results.
@@ -18,31 +18,34 @@ import record
 
 from .measure import HERE, apart, bare
 
-KINDS = "plain", "after", "gradient", "hessian", "batch"
+KINDS = "plain", "after", "hessian", "batch"
 
 
 def run(cases, _):
     say = record.Record("evaluation")
-    say("\nFirst calls outside of jit in Y, the first call of the bare analysis: by default, and")
-    say("where everything is compiled (in parentheses); programs that XLA compiles by default\n")
-    say(f"{'':20}{'Y, s':>6}" + "".join(f"{kind:>22}" for kind in KINDS))
+    say("\nFirst calls outside of jit, s (in Y, the first call of the bare analysis), and programs")
+    say("that XLA compiles; the last rows: where everything is compiled\n")
+    say(f"{'':28}{'Y, s':>6}" + "".join(f"{kind:>22}" for kind in KINDS))
     rows = {}
-    for scene in cases.evaluated:
-        units, cells, rows[scene] = [bare()], [], {}
-        for kind in KINDS if scene in cases.evaluated_in_all_kinds else KINDS[:3]:
-            ours, theirs = (calls(scene, kind, way, 1) for way in ("auto", "xla"))
-            units.append(bare())
-            rows[scene][kind] = ours, theirs
-        unit = rows[scene]["unit"] = statistics.mean(units)
-        for ours, theirs in (rows[scene][kind] for kind in KINDS if kind in rows[scene]):
-            own = f"{ours['s'][0] / unit:.2f} ({theirs['s'][0] / unit:.1f})"
-            cells.append(f"{own:>17} {ours['compiled']:4d}")
-        say(f"{scene:20}{unit:6.2f}" + "".join(cells))
+    ways = [(scene, "auto") for scene in cases.evaluated]
+    ways += [(scene, "xla") for scene in cases.compiled]
+    for scene, way in ways:
+        unit, found = [bare()], {}
+        for kind in KINDS if scene in cases.evaluated[:1] else KINDS[:2]:
+            found[kind] = calls(scene, kind, way, 1)
+        unit = statistics.mean([*unit, bare()])
+        cells = [
+            f"{own['s'][0]:9.2f} ({own['s'][0] / unit:5.2f}) {own['compiled']:4d}"
+            for own in found.values()
+        ]
+        label = scene if way == "auto" else f"{scene}, compiled"
+        say(f"{label:28}{unit:6.2f}" + "".join(cells))
+        rows[label] = {"unit": unit} | {kind: own["s"][0] for kind, own in found.items()}
     say("\nSeconds of so many calls: by default / NumPy alone / XLA alone; over the better one\n")
     say(f"{'':28}" + "".join(f"{count:>27}" for count in cases.evaluated_calls))
-    for scene, kind in (("flat_net", "plain"), ("guyed_mast", "plain"), ("flat_net", "batch")):
+    for scene, kind in cases.called:
         most = cases.evaluated_calls[-1]
-        alone = {way: calls(scene, kind, way, 12)["s"] for way in ("numpy", "xla")}
+        alone = {way: calls(scene, kind, way, 6)["s"] for way in ("numpy", "xla")}
         default = calls(scene, kind, "auto", most)["s"]
         cells = []
         for count in cases.evaluated_calls:
@@ -50,7 +53,7 @@ def run(cases, _):
             ratio = own[0] / min(own[1:])
             cells.append(f"{own[0]:9.1f}/{own[1]:6.1f}/{own[2]:5.1f} {ratio:4.2f}")
         say(f"{scene + ' ' + kind:28}" + "".join(cells))
-        rows[f"{scene} {kind}"] = {**alone, "auto": default}
+        rows[f"calls of {scene} {kind}"] = {**alone, "auto": default}
     say.close()
     record.write(record.RESULTS / "evaluation.json", json.dumps(rows, indent=1) + "\n")
 
