@@ -161,127 +161,35 @@ def gradient_ratios():
     return tuple(f"{ratio:.1f}" for ratio in dict(reversed([*gradient_rows()])).values())[::-1]
 
 
-# --- first_call.json
+# --- evaluation.json
 
 
 def first_call_scenes():
-    """The rows of the scenes, without those of the number of phases."""
-    found = json.loads((RESULTS / "first_call.json").read_text())
-    return [own for name, own in found.items() if "phases" not in name]
+    """The rows of the scenes, by NumPy first: seconds by kind, and the unit."""
+    found = json.loads((RESULTS / "evaluation.json").read_text())
+    return {k: own for k, own in found.items() if "unit" in own and "compiled" not in k}
 
 
 def first_calls():
     """Seconds of the first call of the scenes, plain `solve`."""
-    return span([own["plain"]["first"] for own in first_call_scenes()], "{:.1f}")
+    return span([own["plain"] for own in first_call_scenes().values()], "{:.1f}")
 
 
-def first_calls_by_version():
-    """Texts: seconds of plain first calls, and of gradients after them, with each version of jax.
-
-    With one version only, which the line of the machine names, the texts do not say which.
-    """
-    ways = [first_call_scenes()]
-    if all("other" in own for own in ways[0]):
-        ways.append([own["other"] for own in ways[0]])
-    texts = []
-    for kind in ("plain", "after"):
-        spans = [" to ".join(span([own[kind]["first"] for own in w], "{:.1f}")) for w in ways]
-        if len(ways) == 1:
-            texts.append(f"{spans[0]} s")
-        elif kind == "plain":
-            named = (f"{s} s with jax {w[0]['jax']}" for s, w in zip(spans, ways, strict=True))
-            texts.append(" and ".join(named))
-        else:
-            texts.append(" and ".join(f"{s} s" for s in spans))
-    return tuple(texts)
-
-
-def first_calls_of_page():
+def first_calls_with_gradients():
     """Least and most seconds of plain calls, and of gradients after them."""
-    spans = [
-        span([own[kind]["first"] for own in first_call_scenes()], "{:.1f}")
-        for kind in ("plain", "after")
-    ]
+    scenes = first_call_scenes().values()
+    spans = [span([own[kind] for own in scenes], "{:.1f}") for kind in ("plain", "after")]
     return (*spans[0], *spans[1])
 
 
 def first_calls_of(scene):
-    """A function to the seconds of a scene: plain, gradient after it, gradient inside of jit."""
+    """A function to the seconds of a scene: plain, and the gradient after it."""
 
     def seconds():
-        own = json.loads((RESULTS / "first_call.json").read_text())[scene]
-        return tuple(f"{own[kind]['first']:.1f}" for kind in ("plain", "after", "gradient"))
+        own = first_call_scenes()[scene]
+        return tuple(f"{own[kind]:.1f}" for kind in ("plain", "after"))
 
     return seconds
-
-
-# --- the studies: figures that stand in one line of their file
-
-
-def read(file, *patterns, forms=()):
-    """A claim's function: what the groups of patterns hold in a result file.
-
-    Args:
-        file: its name, without ending.
-        patterns: regular expressions, each there once.
-        forms: what becomes of each group, a function of its text; default as it is.
-    """
-
-    def figures():
-        text, groups = (RESULTS / f"{file}.txt").read_text(), []
-        for pattern in patterns:
-            found = list(re.finditer(pattern, text, re.M))
-            if len(found) != 1:
-                raise ValueError(f"{file}.txt: {len(found)} places match {pattern!r}")
-            groups += found[0].groups()
-        return tuple(f(g) for f, g in zip(forms or [str] * len(groups), groups, strict=True))
-
-    return figures
-
-
-def rounded(digits):
-    """A function that writes a number with so many digits behind the point."""
-    return lambda text: f"{float(text):.{digits}f}"
-
-
-def deviations():
-    """The smallest and the largest of the largest deviations from the published columns, mm."""
-    return span(
-        [float(x) for x in read("hypar_net", r"mm\n(?:.*\n)+?largest +(.+)$")()[0].split()],
-        "{:.2f}",
-    )
-
-
-def misfits():
-    """Of the published columns: largest misfits, mm, smallest and largest; steps likewise."""
-    text = (RESULTS / "identify_spacings.txt").read_text()
-    rows = re.findall(r"^\S.+? +(\d+) +(0\.\d+) +0\.\d+ +0\.", text, re.M)
-    steps, largest = zip(*((int(a), float(b)) for a, b in rows), strict=True)
-    return (*span(largest, "{:.2f}"), *span(steps))
-
-
-def large_nets(column, name="pardiso"):
-    """A row of the table of nets: of every size a solver's, or below 1 200 that of fused loops."""
-
-    def figures():
-        rows = {}
-        for unknowns, solver, numbers in scaling_rows():
-            if solver == ("fused" if unknowns < 1200 and name == "pardiso" else name):
-                rows[unknowns] = column(numbers)
-        return tuple(row for n, row in rows.items() if n >= 1200 or name == "pardiso")
-
-    return figures
-
-
-def three_digits(value):
-    """Milliseconds with two digits, or three from 100 on, thousands apart."""
-    if value < 10:
-        return f"{value:.1f}"
-    return (
-        f"{value:,.0f}".replace(",", " ")
-        if value < 1000
-        else f"{round(value, -1):,.0f}".replace(",", " ")
-    )
 
 
 def ratio(value):
@@ -292,12 +200,10 @@ def ratio(value):
 
 
 def first_call_ratios():
-    """First calls of nets over those of the bare one, and that of the mast; runs, ms."""
-    text = (RESULTS / "first_call.txt").read_text().split("\n===")[0]  # of the first jax
-    rows = re.findall(r"^(\S.{21}) +[\d.]+ +([\d.]+) ", text, re.M)  # Y, and plain
-    plain = {name.strip(): float(ratio) for name, ratio in rows}
-    nets = [plain[name] for name in ("flat net", "hypar", "saddle 4 x 4")]
-    return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
+    """First calls of nets over those of the bare one, and that of the mast."""
+    plain = {k: own["plain"] / own["unit"] for k, own in first_call_scenes().items()}
+    nets = [plain[name] for name in ("flat_net", "hypar_net")]
+    return (*span(nets, "{:.1f}"), f"{plain['guyed_mast']:.0f}")
 
 
 # --- many_cases.txt
@@ -470,19 +376,21 @@ CLAIMS = [
         )
         for text, kind in ROWS.items()
     ),
-    Claim(
-        "README.md",
-        r"The first call takes (.+),\s+a gradient after it (.+),\s+mostly to trace programs",
-        first_calls_by_version,
-    ),
-    Claim(
-        SPEED,
-        r"takes ([\d.]+) to ([\d.]+) s, a gradient after it ([\d.]+) to ([\d.]+) s",
-        first_calls_of_page,
+    *(
+        Claim(
+            page,
+            r"takes ([\d.]+) to ([\d.]+) s, a gradient after it ([\d.]+) to ([\d.]+) s",
+            first_calls_with_gradients,
+        )
+        for page in ("README.md", SPEED)
     ),
     *(
-        Claim(SPEED, rf"\| {scene} \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", first_calls_of(scene))
-        for scene in ("flat net", "guyed mast", "bridge in stages")
+        Claim(SPEED, rf"\| {text} \| ([\d.]+) \| ([\d.]+) \|", first_calls_of(scene))
+        for text, scene in (
+            ("flat net", "flat_net"),
+            ("guyed mast", "guyed_mast"),
+            ("bridge in stages", "cable_stayed_bridge"),
+        )
     ),
     Claim(SPEED, r"`jax.jit` cost (\d+) to (\d+) % of an analysis more", gradient_share),
     Claim("README.md", r"jaxcable is ([\d.]+) to ([\d.]+) times faster in batches", batch_ratios),

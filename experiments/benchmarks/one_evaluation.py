@@ -8,6 +8,7 @@ Answer: seconds of each call (list), programs that XLA has compiled, status.
 import json
 import sys
 import time
+from pathlib import Path
 
 
 def main():
@@ -17,6 +18,8 @@ def main():
     jax.config.update("jax_enable_x64", True)
     import jax.numpy as jnp
     import numpy as np
+
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     import scenes
 
     import jaxcable as jc
