@@ -192,6 +192,75 @@ def first_calls_of(scene):
     return seconds
 
 
+# --- the studies: figures that stand in one line of their file
+
+
+def read(file, *patterns, forms=()):
+    """A claim's function: what the groups of patterns hold in a result file.
+
+    Args:
+        file: its name, without ending.
+        patterns: regular expressions, each there once.
+        forms: what becomes of each group, a function of its text; default as it is.
+    """
+
+    def figures():
+        text, groups = (RESULTS / f"{file}.txt").read_text(), []
+        for pattern in patterns:
+            found = list(re.finditer(pattern, text, re.M))
+            if len(found) != 1:
+                raise ValueError(f"{file}.txt: {len(found)} places match {pattern!r}")
+            groups += found[0].groups()
+        return tuple(f(g) for f, g in zip(forms or [str] * len(groups), groups, strict=True))
+
+    return figures
+
+
+def rounded(digits):
+    """A function that writes a number with so many digits behind the point."""
+    return lambda text: f"{float(text):.{digits}f}"
+
+
+def deviations():
+    """The smallest and the largest of the largest deviations from the published columns, mm."""
+    return span(
+        [float(x) for x in read("hypar_net", r"mm\n(?:.*\n)+?largest +(.+)$")()[0].split()],
+        "{:.2f}",
+    )
+
+
+def misfits():
+    """Of the published columns: largest misfits, mm, smallest and largest; steps likewise."""
+    text = (RESULTS / "identify_spacings.txt").read_text()
+    rows = re.findall(r"^\S.+? +(\d+) +(0\.\d+) +0\.\d+ +0\.", text, re.M)
+    steps, largest = zip(*((int(a), float(b)) for a, b in rows), strict=True)
+    return (*span(largest, "{:.2f}"), *span(steps))
+
+
+def large_nets(column, name="pardiso"):
+    """A row of the table of nets: of every size a solver's, or below 1 200 that of fused loops."""
+
+    def figures():
+        rows = {}
+        for unknowns, solver, numbers in scaling_rows():
+            if solver == ("fused" if unknowns < 1200 and name == "pardiso" else name):
+                rows[unknowns] = column(numbers)
+        return tuple(row for n, row in rows.items() if n >= 1200 or name == "pardiso")
+
+    return figures
+
+
+def three_digits(value):
+    """Milliseconds with two digits, or three from 100 on, thousands apart."""
+    if value < 10:
+        return f"{value:.1f}"
+    return (
+        f"{value:,.0f}".replace(",", " ")
+        if value < 1000
+        else f"{round(value, -1):,.0f}".replace(",", " ")
+    )
+
+
 def ratio(value):
     """A ratio with one digit behind the point, two below 1; None was not run."""
     if value is None:

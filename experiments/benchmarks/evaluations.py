@@ -1,7 +1,7 @@
 """What is gained by evaluating programs with NumPy first, and what is lost?
 
-Question   Seconds of first calls outside of `jax.jit`, by default and, for some, where all is compiled;
-           seconds of 1 to 100 calls by default, by NumPy and by XLA alone.
+Question   Seconds of first calls outside of `jax.jit`, by default and, for some, compiled; and of
+           1 to 100 calls by default, by NumPy and by XLA alone.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
 Error      None: `tests/evaluation` compares the results.

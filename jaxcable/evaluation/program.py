@@ -146,8 +146,11 @@ class MappedProgram(Program):
 
     @property
     def n_equation(self) -> int:
-        """Number of equations to compile: batched loops have more, and are traced before."""
-        return 4 * self._base.n_equation
+        """Number of equations to compile: batched loops have more, and are traced before.
+
+        Three times as many as of a case, and as many again for tracing.
+        """
+        return 6 * self._base.n_equation
 
     @property
     def avals(self) -> list[Any]:
