@@ -58,7 +58,7 @@ class Program:
     @functools.cached_property
     def traced(self) -> Any:
         """The function as jax has traced it (of `jax.stages`)."""
-        with self._lock, without_garbage_collection():
+        with self._lock, without_garbage_collection(), internals.same_context_as_outside():
             function = self.function  # a new object: jax forgets the trace together with it
             return jax.jit(function).trace(*self._avals)
 

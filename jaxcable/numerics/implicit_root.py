@@ -308,11 +308,12 @@ def _root_tangent_transpose(cotangents, *arrays, shapes, **given):
     if not wanted and internals.is_zero_tangent(back):
         return [None] * len(arrays)
     back, further = internals.instantiate_tangent(back), [further[k] for k in wanted]
-    function, (root, *some) = here.at(wanted)
+    function, at = here.at(wanted)
+    _, pull = jax.vjp(function, *at)  # once for both products
     if wanted:
-        back = back + jax.vjp(lambda x: function(x, *some)[1:], root)[1](further)[0]
+        back = back + pull([jnp.zeros_like(here.root), *further])[0]
     force = -here.solve(back, adjoint=True)
-    pulled = jax.vjp(partial(function, root), *some)[1]([force, *further])
+    pulled = pull([force, *further])[1:]
     return [None] * (len(arrays) - len(changes)) + list(pulled)
 
 
