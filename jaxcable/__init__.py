@@ -62,7 +62,6 @@ from .elements import (
 )
 from .equilibrium.incremental import Incremental
 from .equilibrium.newton import Newton
-from .evaluation.decision import evaluation
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
 from .loads import (
@@ -88,6 +87,7 @@ from .materials import Elastic, Polygonal
 from .model.structure import Structure
 from .model.supports import Supports, clamped, pinned, restrained
 from .paths import trace_path
+from .programs.decision import evaluation
 from .reporting import report
 from .results import energy_balance, fibre_stress, section_forces
 from .sections import Section

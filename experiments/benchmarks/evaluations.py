@@ -4,7 +4,7 @@ Question   Seconds of first calls outside of `jax.jit`, by default and, for some
            1 to 100 calls by default, by NumPy and by XLA alone.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
-Error      None: `tests/evaluation` compares the results.
+Error      None: `tests/programs` compares the results.
 Results    evaluation.txt and .json
 
 Every measurement runs in a separate process, other nodes in each call, and the import does not

@@ -37,9 +37,9 @@ from ..elements.abilities import Sagging
 from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
-from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
+from ..programs.program_calls import as_program
 from .activation import element_masks, make_activation
 from .as_built_statements import (
     describe_unmet,

@@ -22,7 +22,7 @@ from ..common.function_programs import ProgramCache
 from ..common.fusion import are_loops_fused, usable_cores
 from ..common.jax_internals import is_untransformed
 from ..common.types import Array, PyTree
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 
 _CASES_AXIS = "cases"
 _THREAD_CHUNK = 256  # cases of a thread at once: their data stay in cache

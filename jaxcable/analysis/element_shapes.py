@@ -14,12 +14,12 @@ from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import END_PULL, Sagging
 from ..elements.element import Scalar
-from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
+from ..programs.program_calls import as_program
 from .phase_results import PhaseResult
 from .results import Results
 from .solution import Solution, State

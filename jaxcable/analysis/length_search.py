@@ -16,7 +16,7 @@ from jax import lax
 from .. import linear
 from ..common import status
 from ..common.types import Array, Bool, Float, Int
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 
 _MAX_STEPS = 40  # analyses; a mast whose guys nearly let it sway takes 7
 _LONGEST_STEP = 0.2  # of logarithms of lengths

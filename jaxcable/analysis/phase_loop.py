@@ -14,12 +14,12 @@ from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..numerics import implicit, scaled
 from ..numerics.single_kernel import as_single_kernel
+from ..programs.program_calls import as_program
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .preparation import cast_to_dtype_of, complete_input, traced_input_status

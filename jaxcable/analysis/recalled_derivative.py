@@ -22,8 +22,8 @@ from jax import lax
 
 from ..common import jax_internals as internals
 from ..common.types import Array, PyTree
-from ..evaluation.program_calls import as_program
 from ..mechanics.bundles import Bundles
+from ..programs.program_calls import as_program
 from .one_phase import ConvergedPoints
 from .phase_loop import recall_solution
 from .preparation import PreparedAnalysis

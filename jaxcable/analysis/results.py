@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, PyTree
-from ..evaluation.program_calls import as_program
 from ..numerics.rotations import rotation_vectors
+from ..programs.program_calls import as_program
 
 _FIELD_OF_RESULT = {
     "tension": "tension",

@@ -19,12 +19,12 @@ from ..common.tree import copy_with, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import StatedValues
-from ..evaluation.joining import stack_trees
 from ..loads.load import Load
 from ..loads.varying import Amplitude, stack_amplitudes
 from ..mechanics.load_ramp import NodalIncrement, PhaseData
 from ..mechanics.load_stacks import LoadStack
 from ..model.supports import FixedDofs
+from ..programs.joining import stack_trees
 from ..spaces.dof_map import DofMap
 
 

@@ -19,9 +19,9 @@ from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics import implicit
+from ..programs.program_calls import as_program
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare

@@ -11,9 +11,9 @@ from ..common.status import first_failure
 from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..model import plausibility
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from .as_built import with_lengths_as_built
 from .phase_loop import analyse
 from .phases import Phase

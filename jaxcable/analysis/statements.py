@@ -27,9 +27,9 @@ from ..elements.abilities import (
 )
 from ..elements.element import Element
 from ..elements.prestress import StatedValues
-from ..evaluation.joining import broadcast
 from ..model import phase_plausibility
 from ..model.structure import Structure
+from ..programs.joining import broadcast
 from .group_values import is_single_number, value_per_group
 from .prestress_rules import capacity_rules, span_rules, value_rules
 

@@ -18,12 +18,12 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Selection, WholeGroups
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..evaluation.program_calls import as_program
 from ..loads import NodalLoads
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
+from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .actions import Action
 from .arguments import require_structure

@@ -16,7 +16,7 @@ from ..common.function_programs import ProgramCache
 from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .bounds import (
     check_call_arguments,
     check_search_arguments,

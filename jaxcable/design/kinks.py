@@ -18,10 +18,10 @@ from ..common import status
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial, is_one_sided
-from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..model.structure import Structure
 from ..numerics import implicit
+from ..programs.program_calls import as_program
 from .arguments import require_result, require_structure
 from .bounds import broadcast_to_params, check_params
 from .objectives import smooth_min

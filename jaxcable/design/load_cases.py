@@ -18,9 +18,9 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..evaluation.joining import stack_trees
 from ..loads import SelfWeight, as_list
 from ..model.structure import Structure
+from ..programs.joining import stack_trees
 from .arguments import require_structure
 from .combinations import Combinations
 from .result_envelopes import ResultEnvelope, result_envelope

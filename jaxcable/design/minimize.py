@@ -17,7 +17,7 @@ from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .bounds import (
     broadcast_to_params,
     check_call_arguments,

@@ -15,7 +15,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .arguments import (
     broadcast_to_elements,
     checked_smoothing_width,

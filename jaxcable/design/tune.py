@@ -26,9 +26,9 @@ from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
 from .bounds import flat_vector
 from .fit import fit, fit_on_host

@@ -9,10 +9,10 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging, Uniaxial
 from ..elements.prestress import call_each_element
-from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
 
 

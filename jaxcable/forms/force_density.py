@@ -26,13 +26,13 @@ from ..common.selection import Only
 from ..common.tree import Indices, cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..numerics import implicit
+from ..programs.program_calls import as_program
 from ..spaces.dof_map import make_dof_map
 from .force_elements import ForceElementNet
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads

@@ -34,7 +34,6 @@ from ..common.tree import (
 )
 from ..common.types import Array, Float
 from ..equilibrium.newton import Newton, residual_tolerance
-from ..evaluation.program_calls import as_program
 from ..loads import (
     AreaLoads,
     CablePressure,
@@ -51,6 +50,7 @@ from ..loads.groups import OnGroups
 from ..loads.load import Dead
 from ..model.structure import Structure
 from ..numerics import implicit
+from ..programs.program_calls import as_program
 from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads
 from .given_lengths import length_error

@@ -20,9 +20,9 @@ from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
-from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 
 
 def catenary_curves(

@@ -28,13 +28,13 @@ from ..common.tree import cast_floats, copy_with, merge_indices, split_indices
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..numerics import implicit
 from ..numerics.vectors import chord_lengths
+from ..programs.program_calls import as_program
 from ..spaces.dof_map import make_dof_map
 from . import given_lengths
 from .force_density import number_unknowns_by_axis, start_displacements_by_force_density

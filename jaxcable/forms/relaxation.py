@@ -30,13 +30,13 @@ from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_i
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jack_value_or, measure_chord
 from ..elements.statement import StatedValues
-from ..evaluation.program_calls import as_program
 from ..loads import Load
 from ..mechanics.elementwise import map_elements
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..numerics import implicit, scaled
+from ..programs.program_calls import as_program
 from ..spaces.dof_map import make_dof_map
 from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import split_loads

@@ -15,9 +15,9 @@ from ..common.selection import Selection
 from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
-from ..evaluation.joining import add_to_zeros
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
+from ..programs.joining import add_to_zeros
 from .load import Acting, Bundles, OnEveryNode
 
 Key: TypeAlias = Any

@@ -13,8 +13,8 @@ from ..common.rules import Rule, refuse_if_broken
 from ..common.tree import apply_numpy_or_jax, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..common.units import SI, Units
-from ..evaluation.joining import concatenate, stack_trees
 from ..model.structure import Structure
+from ..programs.joining import concatenate, stack_trees
 from .load import Load
 
 _MAX_SHOWN_POINTS = 8  # points of an amplitude that are shown

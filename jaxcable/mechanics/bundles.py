@@ -20,7 +20,7 @@ from ..common.tree import Indices, PerElement, copy_with
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Element
 from ..elements.statement import StatedValues
-from ..evaluation.joining import concatenate
+from ..programs.joining import concatenate
 from ..sections import Section, padding
 
 _NEUTRAL_VALUES = {"weight": 0.0, "expansion": 0.0}

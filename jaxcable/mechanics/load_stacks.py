@@ -18,9 +18,9 @@ from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.element_state import ElementLoad, ElementState
-from ..evaluation.joining import stack_trees
 from ..loads import load as kinds
 from ..loads.varying import Amplitude, stack_amplitudes
+from ..programs.joining import stack_trees
 from .bundles import Bundles
 
 

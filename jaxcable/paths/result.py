@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from ..analysis.phase_results import Path
 from ..common.tree import pytree
 from ..common.types import Array, Float, Int
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .events import FAILURES, Events
 
 

@@ -23,11 +23,11 @@ from ..common.rules import refuse_if_broken
 from ..common.tree import apply_numpy_or_jax, copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
-from ..evaluation.program_calls import as_program
 from ..loads import Varying, as_list
 from ..mechanics.load_ramp import LoadRamp
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
+from ..programs.program_calls import as_program
 from .continuation import follow_path
 from .events import BIFURCATION, LIMIT_POINT, Events
 from .negative_eigenvalues import load_mode_alignment

@@ -16,10 +16,10 @@ from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import single_element
-from ..evaluation.program_calls import as_program
 from ..forms import catenary_curves
 from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .views import View
 

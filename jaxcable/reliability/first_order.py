@@ -19,8 +19,8 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
 from ..design.search_loop import is_plain_call, search_in_program, search_on_host
-from ..evaluation.program_calls import as_program
 from ..linear import unbatched
+from ..programs.program_calls import as_program
 from .distributions import Distribution
 from .first_order_result import FirstOrder
 from .index_derivative import attach_derivative, without_derivative

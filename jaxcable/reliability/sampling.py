@@ -17,7 +17,7 @@ from ..common.function_programs import ProgramCache
 from ..common.jax_internals import is_tracing
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .distributions import Distribution
 from .first_order_result import FirstOrder
 from .limit_states import limit_state_vector, require_limit_state

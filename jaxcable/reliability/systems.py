@@ -12,7 +12,7 @@ from jax.scipy.special import ndtr
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .first_order_result import FirstOrder
 from .quantities import join_by_name
 

@@ -9,7 +9,7 @@ from jax import lax
 
 from ..common import checks
 from ..common.types import Array, ArrayLike, Float
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .quantities import Quantities, join_by_name
 
 _NODES, _TERMS, _STEPS = 80, 40, 30

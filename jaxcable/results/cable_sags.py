@@ -22,12 +22,12 @@ from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Sagging
-from ..evaluation.program_calls import as_program
 from ..loads.groups import group_numbers
 from ..model.structure import Structure
 from ..numerics import scaled
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
+from ..programs.program_calls import as_program
 
 
 @pytree

@@ -13,11 +13,11 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..evaluation.program_calls import as_program
 from ..loads.groups import Key, group_numbers
 from ..model.structure import Structure
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
+from ..programs.program_calls import as_program
 
 
 @pytree

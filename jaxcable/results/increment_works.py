@@ -18,10 +18,10 @@ from ..common import status
 from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Float
 from ..elements.element_state import ElementState, TotalLoads
-from ..evaluation.program_calls import as_program
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState, with_loads_until
+from ..programs.program_calls import as_program
 from ..spaces import space_of
 
 # Part of the largest load in the phase that stands for no load: it has a direction. Its own work is

@@ -12,10 +12,10 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import POINT_LOADS, Bending
 from ..elements.prestress import single_element
-from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .interpolation import interpolate_recorded_forces
 

@@ -14,11 +14,11 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float
-from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..numerics import rotations
 from ..numerics.vectors import scalar_product
+from ..programs.program_calls import as_program
 
 
 @pytree

@@ -8,9 +8,9 @@ from ..analysis.phase_results import PhaseResult
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import single_element
-from ..evaluation.program_calls import as_program
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from ..sections import LinearSection
 
 

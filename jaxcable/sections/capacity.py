@@ -7,7 +7,7 @@ import functools
 import jax
 import jax.numpy as jnp
 
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .fibres import Fibres, SectionForces
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from ..common import checks
 from ..common.rules import nan_if_broken, positive
 from ..common.types import ArrayLike, Float, Int
-from ..evaluation.joining import concatenate, stack_trees
 from ..materials.law import Law
+from ..programs.joining import concatenate, stack_trees
 from .fibres import Fibres
 from .torsion import are_concentric_circles
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..evaluation.program_calls import as_program
 from ..materials import Elastic
 from ..materials.law import Law, Numbers, Values
+from ..programs.program_calls import as_program
 
 FibreMemory: TypeAlias = "tuple[Float[Array, '... n_fibre n_memory'] | None, ...]"
 """History variables of the fibres, an array for each law of a section; None for a law without."""

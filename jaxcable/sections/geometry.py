@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Float
-from ..evaluation.joining import stack_trees
+from ..programs.joining import stack_trees
 from .fibres import Fibres
 
 AnySection = TypeVar("AnySection", bound=Fibres)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..common.tree import copy_with
-from ..evaluation.joining import concatenate
+from ..programs.joining import concatenate
 from .section import Section
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive
 from ..common.types import ArrayLike, Float, Int
-from ..evaluation.joining import stack_trees
 from ..materials.law import Law
+from ..programs.joining import stack_trees
 from . import meshes, outlines
 from .composites import NewSection, composite, group_by_law
 from .torsion import bredt_torsion, rectangle_torsion

@@ -16,10 +16,10 @@ from .. import linear
 from ..common import status
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..evaluation.program_calls import as_program
 from ..materials.law import Numbers, Values
 from ..numerics import implicit
 from ..numerics.line_search import line_search
+from ..programs.program_calls import as_program
 from .fibres import FibreMemory, Fibres
 
 

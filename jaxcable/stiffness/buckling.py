@@ -15,11 +15,11 @@ from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging, is_one_sided
 from ..elements.element import Element
-from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from ..mechanics.restart_state import initial_restart_state, make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
+from ..programs.program_calls import as_program
 from .tangent import (
     merge_solution_state,
     require_dense_memory,

@@ -10,8 +10,8 @@ from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
+from ..programs.program_calls import as_program
 from .tangent import require_dense_memory, split_solution_state, tangent_and_displacements
 
 _AXIS_INDEX = {"x": 0, "y": 1, "z": 2}

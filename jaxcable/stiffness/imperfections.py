@@ -14,9 +14,9 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
-from ..evaluation.program_calls import as_program
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
+from ..programs.program_calls import as_program
 from .tangent import (
     require_dense_memory,
     require_symmetric_elements,

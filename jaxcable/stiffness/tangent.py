@@ -15,11 +15,11 @@ from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
-from ..evaluation.program_calls import as_program
 from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
+from ..programs.program_calls import as_program
 from ..spaces.dof_map import DofMap, make_dof_map
 
 _SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], RestartState]"

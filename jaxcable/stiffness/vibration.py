@@ -17,13 +17,13 @@ from ..common.rules import nan_if_broken, not_negative, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
-from ..evaluation.program_calls import as_program
 from ..linear import unbatched
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
+from ..programs.program_calls import as_program
 from .tangent import (
     merge_solution_state,
     require_dense_memory,

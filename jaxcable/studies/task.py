@@ -26,7 +26,7 @@ from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
 from ..common.kept_programs import keep_programs, kept_programs_folder
 from ..common.types import PyTree
-from ..evaluation.program_calls import as_program
+from ..programs.program_calls import as_program
 from .cases import Block, Cases
 from .grid import ChunkGrid
 from .store import CAUSE, STATUS, ResultStore, fill_value

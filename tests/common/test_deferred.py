@@ -7,7 +7,7 @@ import pytest
 from jax import lax
 
 from jaxcable.common.deferred import deferred
-from jaxcable.evaluation.evaluator import write_program
+from jaxcable.programs.evaluator import write_program
 
 X = np.array([0.5, 1.5, -2.0])
 

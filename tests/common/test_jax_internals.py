@@ -17,7 +17,7 @@ from test_keeping import product
 
 import jaxcable as jc
 from jaxcable.common import fusion, jax_internals
-from jaxcable.evaluation.program_calls import as_program
+from jaxcable.programs.program_calls import as_program
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE, PHASES = jc.scenes.flat_net()

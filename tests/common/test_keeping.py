@@ -20,9 +20,9 @@ import jaxcable as jc
 from jaxcable.common import kept_programs
 from jaxcable.common.checks import warn_user, without_warnings
 from jaxcable.common.compilation import without_garbage_collection
-from jaxcable.evaluation import program_calls
-from jaxcable.evaluation.program_calls import as_program
 from jaxcable.numerics import vectors
+from jaxcable.programs import program_calls
+from jaxcable.programs.program_calls import as_program
 
 # --- other processes
 

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "jaxcable"
 
 FLOORS = """
-    common; evaluation; linear, standards; numerics; materials; sections; elements; spaces; model;
+    common; programs; linear, standards; numerics; materials; sections; elements; spaces; model;
     loads; mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies,
     reliability; scenes; plots, files; reporting, catalogue; cli, extend; __init__, __main__
 """

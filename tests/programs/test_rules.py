@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from jax import lax
 
 from jaxcable.common import jax_internals as internals
-from jaxcable.evaluation.evaluator import write_program
-from jaxcable.evaluation.rules import RULES
+from jaxcable.programs.evaluator import write_program
+from jaxcable.programs.rules import RULES
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan, 1e300, -1e-300, 0.5, 2.5, -2.5]
 SEEN: set[str] = set()

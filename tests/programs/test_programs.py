@@ -13,9 +13,9 @@ from jax import lax
 import jaxcable as jc
 from jaxcable.analysis import phase_loop
 from jaxcable.common import status
-from jaxcable.evaluation import decision
-from jaxcable.evaluation.program import Program
-from jaxcable.evaluation.program_calls import as_program
+from jaxcable.programs import decision
+from jaxcable.programs.program import Program
+from jaxcable.programs.program_calls import as_program
 
 
 @pytest.fixture(autouse=True)
