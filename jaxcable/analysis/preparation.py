@@ -30,6 +30,7 @@ from ..model import phase_plausibility, plausibility
 from ..model.structure import Structure, position_rules
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
+from ..programs.program_calls import as_program
 from ..spaces import space_of
 from ..spaces.dof_map import make_dof_map, with_assembly
 from .absent_elements import refuse_absent_elements, warn_of_idle_loads
@@ -143,7 +144,7 @@ def prepare(
     together = (
         statements if bundles.are_groups else [bundles.join_statements(each) for each in statements]
     )
-    nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
+    nodes = structure.nodes if rows is None else _take_rows(structure.nodes, rows.node_of_row)
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
@@ -167,6 +168,12 @@ def prepare(
         *(without_indices, arrays, method, code, tuple(sets), everything),
         *(bundles, len(dof_map.free), warns),
     )
+
+
+@as_program
+def _take_rows(nodes, rows):
+    """Return rows of nodes: a program, since XLA would compile each operation of its derivative."""
+    return nodes[rows]
 
 
 def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier):

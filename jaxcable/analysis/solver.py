@@ -101,10 +101,10 @@ def solve(
         listen=listen,
         bundles=task.bundles,
     )
-    if known is not None:
-        solution = attach_recalled_derivative(solution, core, points, task)
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
+    if known is not None:
+        solution = attach_recalled_derivative(solution, core, points, task)
     return arrange_solution(structure, solution, task)
 
 

@@ -106,6 +106,13 @@ def _iota(block, equation, _):
     return [block.names.constant(np.ascontiguousarray(np.broadcast_to(counted, shape)))]
 
 
+@rule("empty", "empty2")
+def _empty(block, equation, _):
+    """Whatever it holds: a scan that runs backwards fills it."""
+    shape, dtype = _shape(equation)
+    return [block.names.constant(np.zeros((), dtype), shape)]
+
+
 @rule("pad")
 def _pad(block, equation, inputs):
     shape, dtype = _shape(equation)

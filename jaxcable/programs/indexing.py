@@ -168,6 +168,7 @@ def _fill_value(value, dtype):
 _ADD, _SET = "add", "set"
 _OPERATIONS = {
     **{"scatter": _SET, "scatter-add": _ADD, "scatter_add": _ADD},
+    "scatter-sub": "subtract",
     **{"scatter-mul": "multiply", "scatter_mul": "multiply"},
     **{"scatter-min": "minimum", "scatter_min": "minimum"},
     **{"scatter-max": "maximum", "scatter_max": "maximum"},
