@@ -16,9 +16,12 @@ of z at the ends less z at midspan; no nearly equal numbers are subtracted.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..common.types import Array, Float
+from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from .element import Scalar
@@ -41,14 +44,23 @@ def midspan_sag(
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
+    size, soft, mean = _size_softness_and_mean(mid_length_tension, theta, load, stiffness)
+    return size * _sag_over_size(soft, mean, theta, _midspan_shift(soft, mean, theta))
+
+
+def _size_softness_and_mean(mid_length_tension, theta, load, stiffness):
+    """Return a, e and m of the formulas above."""
     weight, unit = magnitude_and_direction(load)
     along = scalar_product(mid_length_tension, unit)
     across = mid_length_tension - along * unit
     level = jnp.sqrt(scalar_product(across, across))
-    size, soft = level / weight, level / stiffness
-    steep = along / level  # slope in the middle of the unstressed length
-    mean = jnp.arcsinh(steep / jnp.cosh(theta))
-    product = jnp.cosh(theta) * jnp.cosh(mean) + jnp.sqrt(1 + steep**2)
+    return level / weight, level / stiffness, jnp.arcsinh(along / level / jnp.cosh(theta))
+
+
+def _midspan_shift(soft, mean, theta):
+    """Return g of the formulas above, `soft` is e."""
+    product = jnp.cosh(theta) * jnp.cosh(mean)
+    product = product + jnp.sqrt(1 + (jnp.sinh(mean) * jnp.cosh(theta)) ** 2)
     middle = jnp.arcsinh(jnp.sinh(mean) * jnp.sinh(theta) ** 2 / product)
     apart = product / (jnp.cosh(theta) + 1) * _sinhc(middle)
 
@@ -58,12 +70,16 @@ def midspan_sag(
 
     guess = soft * apart / (1 + soft * jnp.cosh(mean))
     bracket = jnp.full_like(guess, -0.5), jnp.full_like(guess, 1.5)
-    shift = middle * bracketed_root(balance, guess, *bracket)
+    return middle * bracketed_root(balance, guess, *bracket)
+
+
+def _sag_over_size(soft, mean, theta, shift):
+    """Return the sag over a, from e, m, theta and g of the formulas above."""
     shape = jnp.cosh(mean) * cosh_minus_1(theta)
     shape = shape - 2 * jnp.sinh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
     stretch = jnp.cosh(2 * mean) * cosh_minus_1(2 * theta)
     stretch = stretch - 2 * jnp.sinh(2 * mean + shift) * jnp.sinh(shift)
-    return size * (shape + 0.25 * soft * stretch)
+    return shape + 0.25 * soft * stretch
 
 
 def chord_strain_at_sag(
@@ -73,7 +89,8 @@ def chord_strain_at_sag(
 
     The sag grows with the length, so that there is one solution. The search goes outwards from the
     parabola ``L0 (1 + N/EA) = d (1 + 8/3 (sag l/d^2)^2)``, ``N = q d^2 / (8 sag)``, where l is the
-    part of the chord d across the load.
+    part of the chord d across the load. Its derivatives are those of the formulas above, which need
+    no search within the search.
 
     Args:
         chord: [3], m.
@@ -81,14 +98,33 @@ def chord_strain_at_sag(
         stiffness: EA, N.
         sag: distance from the chord at midspan, along the load, positive, m.
     """
+    strain, shape = _search_shape_at_sag(*lax.stop_gradient((chord, load, stiffness, sag)))
+    weight, unit = magnitude_and_direction(load)
+    along = scalar_product(chord, unit)
+    across = chord - along * unit
+    span = jnp.sqrt(scalar_product(across, across))
+    length = jnp.sqrt(scalar_product(chord, chord))
+    given = span, along, length, weight / stiffness, sag
+    solver = TangentSolver(_solve, _solve)
+    return implicit_root(_mismatches_and_strain, shape, given, solver, strain)[1]
+
+
+def _search_shape_at_sag(chord, load, stiffness, sag):
+    """Return the strain, and a, theta, m and g, [4], at which a cable has a sag.
+
+    Arguments are those of `chord_strain_at_sag`. The strain of a taut cable has more digits than
+    one that is computed from the other numbers.
+    """
     length2 = scalar_product(chord, chord)
     length = jnp.sqrt(length2)
 
-    def mismatch(u):
-        rest_length = length * jnp.exp(u)
+    def hang(u):
         excess = -length2 * jnp.expm1(2 * u)
-        force, _, theta = solve_catenary(chord, excess, load, rest_length, stiffness)
-        return jnp.log(midspan_sag(force, theta, load, stiffness) / sag)
+        force, _, theta = solve_catenary(chord, excess, load, length * jnp.exp(u), stiffness)
+        return force, theta
+
+    def mismatch(u):
+        return jnp.log(midspan_sag(*hang(u), load, stiffness) / sag)
 
     weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit
@@ -98,7 +134,41 @@ def chord_strain_at_sag(
     taut = jnp.log1p(weight * length / (8 * ratio * stiffness))
     deep = jnp.log1p(2 * ratio)
     guess = jnp.minimum(shallow, deep) - taut
-    return jnp.expm1(-bracketed_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5))
+    u = bracketed_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5)
+    force, theta = hang(u)
+    size, soft, mean = _size_softness_and_mean(force, theta, load, stiffness)
+    shape = jnp.stack([size, theta, mean, _midspan_shift(soft, mean, theta)])
+    return jnp.expm1(-u), shape
+
+
+def _mismatches_and_strain(shape, given):
+    """Return by how much a cable misses its ends, its sag and its midspan, [4]; and its strain.
+
+    Args:
+        shape: a, theta, m and g of the formulas above, [4].
+        given: the chord across and along the load, and its length, m; load over stiffness, 1/m;
+            sag, m.
+    """
+    size, theta, mean, shift = shape
+    span, along, length, soft, sag = given
+    soft = size * soft
+    stretch = 0.5 * soft * jnp.sinh(2 * mean) * jnp.sinh(2 * theta)
+    past_middle = 2 * jnp.cosh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
+    missed = jnp.stack(
+        [
+            2 * size * (soft * jnp.cosh(mean) * jnp.sinh(theta) + theta) / span - 1,
+            (size * (2 * jnp.sinh(mean) * jnp.sinh(theta) + stretch) - along) / length,
+            size * _sag_over_size(soft, mean, theta, shift) / sag - 1,
+            shift - soft * (jnp.sinh(mean) * cosh_minus_1(theta) - past_middle),
+        ]
+    )
+    return missed, length / (2 * size * jnp.cosh(mean) * jnp.sinh(theta)) - 1
+
+
+def _solve(_, product, rhs):
+    """Solve with a linear function of four numbers, or with its transpose."""
+    matrix = jax.vmap(product, out_axes=1)(jnp.eye(4, dtype=rhs.dtype))
+    return jnp.linalg.solve(matrix, rhs)
 
 
 def _sinhc(t):

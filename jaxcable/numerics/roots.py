@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -21,9 +20,10 @@ def bracketed_root(
     low: Float[Array, ""],
     high: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Find the root of an increasing scalar function by Newton's method within a bracket.
+    """Find the root of an increasing scalar function by the secant method within a bracket.
 
     Bisection replaces a step that leaves the bracket, and a step from a value that is not a number.
+    Newton's method needs two thirds of the steps, and each takes a derivative, which is more work.
     The root has derivatives, of any order, by the implicit function theorem.
 
     Args:
@@ -38,27 +38,33 @@ def bracketed_root(
 
     def solve(f, guess):
         eps = jnp.finfo(guess.dtype).eps
+        tiny_step = jnp.sqrt(eps)
 
         def unfinished(s):
-            _, _, _, moved, before, count = s
-            # Newton steps shrink quadratically; one not below half of the last is rounding only
-            rounding = (moved < jnp.sqrt(eps)) & (moved > 0.5 * before)
+            *_, moved, before, count = s
+            # steps shrink faster and faster; one not below half of the last is rounding only
+            rounding = (moved < tiny_step) & (moved > 0.5 * before)
             return (moved > 2 * eps) & ~rounding & (count < _MAX_STEPS)
 
         def step(s):
-            u, low, high, before, _, count = s
-            value, slope = jax.jvp(f, (u,), (jnp.ones_like(u),))
+            u, (u_before, value_before), low, high, moved, _, count = s
+            value, is_first = f(u), count == 0
             below = ~(value >= 0)
             low, high = jnp.where(below, u, low), jnp.where(below, high, u)
-            new = u - value / slope
-            inside = (new >= low) & (new <= high)
-            new = jnp.where(inside, new, 0.5 * (low + high))
-            moved = jnp.abs(new - u) / jnp.maximum(1, jnp.abs(new))
-            return new, low, high, moved, before, count + 1
+            size = jnp.maximum(1, jnp.abs(u))
+            slope = (value - value_before) / (u - u_before)
+            secant = u - value / slope
+            inside = (slope > 0) & jnp.isfinite(slope) & (secant >= low) & (secant <= high)
+            new = jnp.where(inside, secant, 0.5 * (low + high))
+            # where steps are small, values that do not rise any more are rounding
+            new = jnp.where((slope <= 0) & (moved < tiny_step), u, new)
+            # the first step only finds a slope
+            new = jnp.where(is_first, u + jnp.where(below, 8, -8) * tiny_step * size, new)
+            return new, (u, value), low, high, jnp.abs(new - u) / size, moved, count + 1
 
         far = jnp.full_like(guess, jnp.inf)
-        start = (guess, low, high, far, far, jnp.zeros_like(guess, jnp.int32))
-        end, *_, count = lax.while_loop(unfinished, step, start)
+        start = (guess, (far, far), low, high, far, far, jnp.zeros_like(guess, jnp.int32))
+        end, _, *_, count = lax.while_loop(unfinished, step, start)
         # an iteration that ends at an end of the bracket has found no root
         rounding = 4 * eps * jnp.maximum(1, jnp.abs(end))
         found = (end > low + rounding) & (end < high - rounding) & (count < _MAX_STEPS)

@@ -423,6 +423,7 @@ def spans():
     return np.array(found).T
 
 
+@pytest.mark.filterwarnings("ignore:elements.weight:jaxcable.InputWarning")  # EA/N = 1e6
 def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     """From level to 79 degrees, from sag/l = 1/400 to 1, from EA/N = 1e6 to 1; in one analysis.
 
