@@ -65,7 +65,7 @@ _jaxpr_tools = _import_members(
     "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
 )
 functions_of_primitives: dict[Any, Callable[..., Any]] = {}
-"""Functions that compute the results of the primitives of this package, by primitive."""
+"""Functions that jax can trace, with the results of this package's primitives, by primitive."""
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 _unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
 _unused_tools = _import_members("jax.interpreters.partial_eval", "dce_jaxpr")
@@ -109,11 +109,12 @@ def define_primitive(
         batching.primitive_batchers[made] = batch_rule
         if transpose_rule is not None:
             ad.primitive_transposes[made] = transpose_rule
-        lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
+        traceable = lowered or evaluate
+        lowering = mlir.lower_fun(traceable, multiple_results=multiple_results)
         mlir.register_lowering(made, lowering)
         if narrow is not None and _unused_result_rules is not None:
             _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
-        functions_of_primitives[made] = evaluate
+        functions_of_primitives[made] = traceable
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None
