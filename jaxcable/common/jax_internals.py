@@ -20,12 +20,14 @@ import importlib
 import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import jaxlib.version
 import numpy as np
+
+_T = TypeVar("_T")
 
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
@@ -136,6 +138,20 @@ def _without_unused_results(narrow, used, *further):
         params=parameters,
     )
     return list(arguments), less
+
+
+_weakly_held = _import_members("jax._src.util", "weakref_cache_key_types")
+
+
+def held_weakly(cls: type[_T]) -> type[_T]:
+    """Have jax's records of operations hold parameters of a class weakly (a decorator).
+
+    jax records the shapes of results of the last thousands of operations with their parameters. A
+    program among these, and the function of a user in it, would never be given back.
+    """
+    if _weakly_held is not None:
+        _weakly_held[0].add(cls)
+    return cls
 
 
 def is_zero_tangent(tangent: Any) -> bool:

@@ -28,6 +28,7 @@ _SMALL = 300
 """Equations up to which a batch is evaluated as a whole; a larger one takes too long to trace."""
 
 
+@internals.held_weakly
 class Program:
     """A function of arrays of certain shapes. It is traced when it is first needed.
 
@@ -125,6 +126,7 @@ class Program:
         return self._numpy(leaves, work)
 
 
+@internals.held_weakly
 class MappedProgram(Program):
     """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
 

@@ -1,8 +1,10 @@
 """Programs outside of `jit`: the same by NumPy and by XLA, and when which of them runs."""
 
+import gc
 import signal
 import threading
 import time
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -399,15 +401,21 @@ def test_what_was_heard_is_not_heard_again(compilations):
     assert heard == [1.0, 2.0] and len(compilations) == 1
 
 
-def test_programs_of_functions_that_are_gone_are_gone():
-    import gc
-    import weakref
-
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda f: f(X),
+        lambda f: jax.grad(lambda x: f(x).sum())(X),
+        lambda f: jax.hessian(lambda x: f(x).sum())(X),
+        lambda f: jax.vmap(jax.grad(lambda x: f(x).sum()))(np.stack([X, X])),
+    ],
+)
+def test_programs_of_functions_that_are_gone_are_gone(use):
     def function(x):
-        return x + 1
+        return jnp.sin(x) * x
 
     program = as_program(function)
-    program(1.0)
+    use(program)
     seen = weakref.ref(function)
     del function, program
     gc.collect()
