@@ -20,14 +20,12 @@ import importlib
 import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import jaxlib.version
 import numpy as np
-
-_T = TypeVar("_T")
 
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
@@ -93,7 +91,7 @@ def define_primitive(
         jvp_rule: rule of the forward derivative.
         batch_rule: rule for `jax.vmap`.
         transpose_rule: rule for the transpose, if the primitive is linear.
-        lowered: the function that is compiled; default `evaluate`.
+        lowered: the function that is traced and compiled; default `evaluate`.
         multiple_results: whether the primitive returns a list of results.
         narrow: function of which results are used, a list of bool, of the number of arguments, and
             of the parameters by name; it returns which results and arguments remain, and the new
@@ -111,12 +109,11 @@ def define_primitive(
         batching.primitive_batchers[made] = batch_rule
         if transpose_rule is not None:
             ad.primitive_transposes[made] = transpose_rule
-        traceable = lowered or evaluate
-        lowering = mlir.lower_fun(traceable, multiple_results=multiple_results)
+        lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
         mlir.register_lowering(made, lowering)
         if narrow is not None and _unused_result_rules is not None:
             _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
-        functions_of_primitives[made] = traceable
+        functions_of_primitives[made] = lowered or evaluate
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None
@@ -138,20 +135,6 @@ def _without_unused_results(narrow, used, *further):
         params=parameters,
     )
     return list(arguments), less
-
-
-_weakly_held = _import_members("jax._src.util", "weakref_cache_key_types")
-
-
-def held_weakly(cls: type[_T]) -> type[_T]:
-    """Have jax's records of operations hold parameters of a class weakly (a decorator).
-
-    jax records the shapes of results of the last thousands of operations with their parameters. A
-    program among these, and the function of a user in it, would never be given back.
-    """
-    if _weakly_held is not None:
-        _weakly_held[0].add(cls)
-    return cls
 
 
 def is_zero_tangent(tangent: Any) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from ..common.compilation import without_garbage_collection
+from ..common.jax_records import held_weakly
 from ..common.types import Array
 from . import decision
 from .evaluator import count_equations, write_program
@@ -28,7 +29,7 @@ _SMALL = 300
 """Equations up to which a batch is evaluated as a whole; a larger one takes too long to trace."""
 
 
-@internals.held_weakly
+@held_weakly
 class Program:
     """A function of arrays of certain shapes. It is traced when it is first needed.
 
@@ -126,7 +127,7 @@ class Program:
         return self._numpy(leaves, work)
 
 
-@internals.held_weakly
+@held_weakly
 class MappedProgram(Program):
     """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
 
