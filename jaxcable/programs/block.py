@@ -234,9 +234,10 @@ class Block:
                 block._written[text, names] = found
         return found
 
-    def line_of(self, results: tuple[str, ...], used: tuple[str, ...], text: str) -> _Line:
-        """Return a line that remains if one of its results is read."""
-        return _Line(results, used, text)
+    def allocate(self, x: Value) -> None:
+        """Write that a variable is an array whose entries are set later."""
+        text = f"{x.name}=np.empty({x.shape},'{x.dtype}')"
+        self.lines.append(_Line((x.name,), (), text))
 
     def count_turns(self) -> None:
         """Write, at the end of a loop's body, that the work of a turn is done."""

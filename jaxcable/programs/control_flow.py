@@ -92,10 +92,7 @@ def _scan(block, equation, inputs):
     ys = []
     for aval, value in zip(stacked, found[n_carry:], strict=True):
         own = _variable(block, aval)
-        dtype = np.dtype(aval.dtype)
-        block.lines.append(
-            block.line_of((own.name,), (), f"{own.name}=np.empty({tuple(aval.shape)},'{dtype}')")
-        )
+        block.allocate(own)
         body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
         ys.append(own)
     _end_carry(body, carried, changing, found[:n_carry])
@@ -175,7 +172,7 @@ def _cond(block, equation, inputs):
 # --- calls
 
 
-@rule("jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint")
+@rule("jit", "closed_call", "remat2", "checkpoint")
 @rule("custom_jvp_call", "custom_vjp_call", "custom_vmap_call")
 def _call(block, equation, inputs):
     given = equation.params

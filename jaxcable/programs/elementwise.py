@@ -17,7 +17,6 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
         "neg": "-{0}",
         "not": "~{0}",
         "copy": "{0}",
-        "copy_p": "{0}",
         "stop_gradient": "{0}",
         "square": "{0}*{0}",
     },
@@ -35,7 +34,7 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{"and": "{0}&{1}", "or": "{0}|{1}", "xor": "{0}^{1}"},
     **{"eq": "{0}=={1}", "ne": "{0}!={1}", "lt": "{0}<{1}", "le": "{0}<={1}"},
     **{"gt": "{0}>{1}", "ge": "{0}>={1}", "nextafter": "np.nextafter({0},{1})"},
-    **{"pow": "np.power({0},{1})", "clamp": "np.minimum(np.maximum({1},{0}),{2})"},
+    **{"clamp": "np.minimum(np.maximum({1},{0}),{2})"},
 }
 FUNCTIONS = {"np": np, "special": special}
 _MOST_CASES = 64  # among which `np.choose` can choose
