@@ -121,7 +121,7 @@ def kept_programs(cases, _):
     import jax
 
     import jaxcable as jc
-    from jaxcable.common.compilation import MOST_PROGRAMS
+    from jaxcable.programs.known import MOST_PROGRAMS
 
     jax.config.update("jax_enable_x64", True)
     say = record.Record("kept_programs_many")

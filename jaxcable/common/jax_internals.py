@@ -65,7 +65,7 @@ _jaxpr_tools = _import_members(
     "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
 )
 functions_of_primitives: dict[Any, Callable[..., Any]] = {}
-"""Functions that compute the results of the primitives of this package, by primitive."""
+"""Functions that jax can trace, with the results of this package's primitives, by primitive."""
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 _unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
 _unused_tools = _import_members("jax.interpreters.partial_eval", "dce_jaxpr")
@@ -91,7 +91,7 @@ def define_primitive(
         jvp_rule: rule of the forward derivative.
         batch_rule: rule for `jax.vmap`.
         transpose_rule: rule for the transpose, if the primitive is linear.
-        lowered: the function that is compiled; default `evaluate`.
+        lowered: the function that is traced and compiled; default `evaluate`.
         multiple_results: whether the primitive returns a list of results.
         narrow: function of which results are used, a list of bool, of the number of arguments, and
             of the parameters by name; it returns which results and arguments remain, and the new
@@ -113,7 +113,7 @@ def define_primitive(
         mlir.register_lowering(made, lowering)
         if narrow is not None and _unused_result_rules is not None:
             _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
-        functions_of_primitives[made] = evaluate
+        functions_of_primitives[made] = lowered or evaluate
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None

@@ -35,7 +35,7 @@ def _broadcast(block, equation, inputs):
     return [_reshaped(block, x, tuple(held), shape)]
 
 
-@rule("reshape", "squeeze", "expand_dims")
+@rule("reshape", "squeeze")
 def _reshape(block, equation, inputs):
     x, (shape, _) = inputs[0], _shape(equation)
     if equation.params.get("dimensions") is not None and equation.primitive.name == "reshape":
@@ -172,7 +172,7 @@ def _reduce(function, block, equation, inputs):
         function = {"np.logical_and": "np.bitwise_and", "np.logical_or": "np.bitwise_or"}[function]
     if function in ("np.maximum", "np.minimum") and empty:
         return [block.names.constant(np.full(shape, _limit(function == "np.minimum", dtype)))]
-    repeats = function not in ("np.add", "np.multiply", "np.bitwise_xor")
+    repeats = function not in ("np.add", "np.multiply")
     if x.held == () and repeats and not empty:
         return [x._replace(shape=shape)]
     typed = f",dtype='{dtype}'" if dtype.kind in "iu" else ""

@@ -16,6 +16,7 @@ import numpy as np
 
 _LARGEST_FOLDED = 200_000  # entries of an array that is computed while the program is written
 _LARGEST_KEPT = 4096  # entries of arrays that are not deleted after their last use
+_DEEPEST = 21  # depth of blocks: Python allows for 20 loops in one another
 _ENTRIES_PER_CALL = 1000  # entries that NumPy works on in the time that a call of it takes
 
 
@@ -138,10 +139,12 @@ class Names:
     def helper(self, make: Callable[..., Any], *static: Hashable) -> str:
         """Return the name of the function ``make(*static)``, which is made once."""
         key = make, static
-        if key not in self._helpers:
-            name = self._helpers[key] = self.new("h")
-            self.space[name] = make(*static)
-        return self._helpers[key]
+        name = self._helpers.get(key)
+        if name is None:
+            name = self.new("h")
+            self.space[name] = make(*static)  # before another thread can find the name
+            self._helpers[key] = name
+        return name
 
 
 def _is_uniform(x):
@@ -161,6 +164,8 @@ class Block:
     def __init__(self, names: Names, parent: Block | None = None, is_loop: bool = False):
         self.names, self.parent, self.is_loop = names, parent, is_loop
         self.depth: int = 1 if parent is None else parent.depth + 1
+        if self.depth > _DEEPEST:
+            raise NotImplementedError("loops and branches within too many others")
         self.lines: list[_Line] = []
         self.work = 0.0
         self._written: dict[Any, Any] = {}
@@ -229,9 +234,10 @@ class Block:
                 block._written[text, names] = found
         return found
 
-    def line_of(self, results: tuple[str, ...], used: tuple[str, ...], text: str) -> _Line:
-        """Return a line that remains if one of its results is read."""
-        return _Line(results, used, text)
+    def allocate(self, x: Value) -> None:
+        """Write that a variable is an array whose entries are set later."""
+        text = f"{x.name}=np.empty({x.shape},'{x.dtype}')"
+        self.lines.append(_Line((x.name,), (), text))
 
     def count_turns(self) -> None:
         """Write, at the end of a loop's body, that the work of a turn is done."""
@@ -328,8 +334,8 @@ class Block:
             if line.block is not None:
                 yield from line.block._text(indent + " ", needed)
             waiting += ends.get(k, [])
-            is_followed = k + 1 < len(self.lines) and self.lines[k + 1].text == "else:"
-            if waiting and not is_followed:
+            following = self.lines[k + 1].text if k + 1 < len(self.lines) else ""
+            if waiting and not following.startswith(("elif ", "else:")):  # not between branches
                 yield f"{indent}del {','.join(waiting)}"
                 waiting = []
         if not self.lines:

@@ -92,10 +92,7 @@ def _scan(block, equation, inputs):
     ys = []
     for aval, value in zip(stacked, found[n_carry:], strict=True):
         own = _variable(block, aval)
-        dtype = np.dtype(aval.dtype)
-        block.lines.append(
-            block.line_of((own.name,), (), f"{own.name}=np.empty({tuple(aval.shape)},'{dtype}')")
-        )
+        block.allocate(own)
         body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
         ys.append(own)
     _end_carry(body, carried, changing, found[:n_carry])
@@ -175,7 +172,7 @@ def _cond(block, equation, inputs):
 # --- calls
 
 
-@rule("jit", "pjit", "closed_call", "core_call", "remat", "remat2", "checkpoint")
+@rule("jit", "closed_call", "remat2", "checkpoint")
 @rule("custom_jvp_call", "custom_vjp_call", "custom_vmap_call")
 def _call(block, equation, inputs):
     given = equation.params
@@ -222,24 +219,33 @@ def _callback(block, equation, inputs):
     avals = [x.aval for x in equation.outvars]
     function = equation.params["callback"]
     pure = equation.primitive.name == "pure_callback"
-    return _write_host_call(block, function, inputs, avals, pure)
+    return _write_host_call(block, function, inputs, avals, pure, copies=True)
 
 
-def _write_host_call(block, function, inputs, avals, pure):
-    """Write a call of a NumPy function that returns a sequence of arrays."""
+def _write_host_call(block, function, inputs, avals, pure, copies=False):
+    """Write a call of a NumPy function that returns a sequence of arrays.
+
+    With `copies` it gets arrays of its own, and may keep those that it returns: it is a user's,
+    which may change them.
+    """
     shapes = tuple((tuple(a.shape), np.dtype(a.dtype)) for a in avals)
-    helper = block.names.helper(_make_host_call, function, shapes)
+    helper = block.names.helper(_make_host_call, function, shapes, copies)
     places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
-    return block.write_call(f"{helper}({places})", [block.full(x) for x in inputs], avals, pure)
+    inputs = [block.full(x) for x in inputs]
+    found = block.write_call(f"{helper}({places})", inputs, avals, pure)
+    if not pure:  # the call does not begin again after it: what was heard would be heard twice
+        block.statement("w[1]=np.inf", ())
+    return found
 
 
-def _make_host_call(function, shapes):
+def _make_host_call(function, shapes, copies):
     """Return the function that calls a NumPy function with arrays, and checks what it returns."""
+    array = np.array if copies else np.asarray
 
     def call(*arrays):
-        found = jax.tree.leaves(function(*(np.ascontiguousarray(x) for x in arrays)))
+        found = jax.tree.leaves(function(*(array(x, order="C") for x in arrays)))
         pairs = zip(found, shapes, strict=True)
-        return tuple(np.asarray(x, dtype).reshape(shape)[()] for x, (shape, dtype) in pairs)
+        return tuple(array(x, dtype).reshape(shape)[()] for x, (shape, dtype) in pairs)
 
     return call
 

@@ -31,8 +31,9 @@ class evaluation:  # noqa: N801  (called as a function, used in a `with` block)
     A call sets it for the whole process; in a ``with`` block it is for the block.
 
     - "auto", the default: NumPy evaluates a program until it has worked nearly as long as XLA would
-      take to compile it; later calls are compiled. A call that is long begins again, compiled. This
-      is counted, not timed: a script does the same in every run.
+      take to compile it; later calls are compiled. A call that is long begins again, compiled,
+      unless it has reported progress. This is counted, not timed: a script does the same in every
+      run.
     - "numpy": NumPy evaluates all programs that it can. First calls are quick.
     - "xla": all programs are compiled, as within `jax.jit`. Later calls are quick.
 

@@ -10,19 +10,17 @@ import numpy as np
 from scipy import special
 
 from .block import Block, Value
-from .rules import rule
+from .rules import NoRuleError, numpy_dtype, rule
 
 _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{
         "neg": "-{0}",
         "not": "~{0}",
         "copy": "{0}",
-        "copy_p": "{0}",
         "stop_gradient": "{0}",
         "square": "{0}*{0}",
         "one_minus_square": "1-{0}*{0}",
     },
-    **{"real": "np.real({0})", "imag": "np.imag({0})", "conj": "np.conj({0})"},
     **{"sqrt": "np.sqrt({0})", "rsqrt": "1/np.sqrt({0})", "cbrt": "np.cbrt({0})"},
     **{"abs": "np.absolute({0})", "sign": "np.sign({0})", "is_finite": "np.isfinite({0})"},
     **{"floor": "np.floor({0})", "ceil": "np.ceil({0})"},
@@ -37,9 +35,10 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{"and": "{0}&{1}", "or": "{0}|{1}", "xor": "{0}^{1}"},
     **{"eq": "{0}=={1}", "ne": "{0}!={1}", "lt": "{0}<{1}", "le": "{0}<={1}"},
     **{"gt": "{0}>{1}", "ge": "{0}>={1}", "nextafter": "np.nextafter({0},{1})"},
-    **{"pow": "np.power({0},{1})", "clamp": "np.minimum(np.maximum({1},{0}),{2})"},
+    **{"clamp": "np.minimum(np.maximum({1},{0}),{2})"},
 }
 FUNCTIONS = {"np": np, "special": special}
+_MOST_CASES = 64  # among which `np.choose` can choose
 
 
 def held_together(values: Sequence[Value]) -> tuple[int, ...]:
@@ -125,7 +124,7 @@ def round_away_from_zero(x: Any) -> Any:
 @rule("convert_element_type")
 def _convert(block, equation, inputs):
     (x,), aval = inputs, equation.outvars[0].aval
-    new = np.dtype(aval.dtype)
+    new = numpy_dtype(aval)
     if x.dtype == new:
         return [x]
     template = f"{{0}}.astype('{new}')"
@@ -190,6 +189,8 @@ def _select(block, equation, inputs):
     which, *cases = inputs
     aval = equation.outvars[0].aval
     if which.dtype.kind != "b" or len(cases) != 2:
+        if len(cases) > _MOST_CASES:
+            raise NoRuleError(f"select_n of {len(cases)} cases")
         template = f"np.choose({{0}},({','.join(f'{{{k + 1}}}' for k in range(len(cases)))}))"
         if which.held == () and len({x.held for x in cases}) == 1:
             template = f"({','.join(f'{{{k + 1}}}' for k in range(len(cases)))})[{{0}}]"

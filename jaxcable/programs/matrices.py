@@ -21,7 +21,7 @@ def _dot_general(block, equation, inputs):
     shape, dtype = _aval(equation)
     numbers = equation.params["dimension_numbers"]
     (of_a, of_b), (batch_a, _) = numbers
-    a, b = block.full(a), block.full(b)
+    a, b = (_converted(block, block.full(x), dtype) for x in (a, b))
     plain = not batch_a and len(of_a) == 1 and max(len(a.shape), len(b.shape)) <= 2
     if plain and len(a.shape) and len(b.shape):
         left = "{0}" if of_a[0] == len(a.shape) - 1 else "{0}.T"
@@ -29,9 +29,12 @@ def _dot_general(block, equation, inputs):
         text = f"{left}.dot({right})"
     else:
         text = _stacked_product(a.shape, b.shape, shape, numbers)
-    if a.dtype != dtype or b.dtype != dtype:
-        text = f"({text}).astype('{dtype}')"
     return [block.write(text, [a, b], shape, dtype)]
+
+
+def _converted(block, x, dtype):
+    """Return a factor in the dtype of the product, so that sums have its range and its digits."""
+    return x if x.dtype == dtype else block.write(f"{{0}}.astype('{dtype}')", [x], x.shape, dtype)
 
 
 def _stacked_product(shape_a, shape_b, shape, numbers):

@@ -14,9 +14,11 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from ..common.compilation import without_garbage_collection
+from ..common.jax_records import held_weakly
 from ..common.types import Array
 from . import decision
 from .evaluator import count_equations, write_program
+from .known import KnownPrograms
 from .writing import LimitReachedError
 
 # Entries of the largest array of floats up to which a program is compiled with
@@ -27,6 +29,7 @@ _SMALL = 300
 """Equations up to which a batch is evaluated as a whole; a larger one takes too long to trace."""
 
 
+@held_weakly
 class Program:
     """A function of arrays of certain shapes. It is traced when it is first needed.
 
@@ -35,17 +38,20 @@ class Program:
         leaves: arrays in the shapes and dtypes of its arguments; their values do not matter.
 
     Attributes:
+        arguments: shapes and dtypes of its arguments, as jax traces it.
+        known: what has been made of it, see `derived`.
         work: work that NumPy has done with it, see `decision`.
     """
 
     def __init__(self, function: Callable[..., Any], leaves: Sequence[Any]):
-        self._function, self._avals = function, [internals.abstract_argument(x) for x in leaves]
+        self._function = function
+        self.arguments = [internals.abstract_argument(x) for x in leaves]
         self._tree: Any = None
         self.work = 0.0
         self._has_rules = True
         self._numpy: Callable[..., list[np.ndarray]] | None = None
         self._xla: Callable[..., Any] | None = None
-        self._derived: dict[Hashable, Any] = {}
+        self.known = KnownPrograms()
         self._lock = threading.RLock()
 
     def function(self, *leaves: Array) -> list[Array]:
@@ -60,7 +66,7 @@ class Program:
         """The function as jax has traced it (of `jax.stages`)."""
         with self._lock, without_garbage_collection(), internals.same_context_as_outside():
             function = self.function  # a new object: jax forgets the trace together with it
-            return jax.jit(function).trace(*self._avals)
+            return jax.jit(function).trace(*self.arguments)
 
     @property
     def tree(self) -> Any:
@@ -74,10 +80,7 @@ class Program:
 
     def derived(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return what has been made of this program under a key, such as its derivative."""
-        with self._lock:
-            if key not in self._derived:
-                self._derived[key] = make()
-            return self._derived[key]
+        return self.known.find(key, make)
 
     @functools.cached_property
     def n_equation(self) -> int:
@@ -93,7 +96,7 @@ class Program:
                 return internals.arrays_on_default_device(found)
         with self._lock:
             if self._xla is None:
-                sizes = [math.prod(x.shape) for x in self._avals if x.dtype.kind == "f"]
+                sizes = [math.prod(x.shape) for x in self.arguments if x.dtype.kind == "f"]
                 quick = max(sizes, default=0) <= _QUICK_ENTRIES
                 options = internals.quick_compile_options() if quick else None
                 with without_garbage_collection():
@@ -124,6 +127,7 @@ class Program:
         return self._numpy(leaves, work)
 
 
+@held_weakly
 class MappedProgram(Program):
     """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
 
@@ -136,7 +140,11 @@ class MappedProgram(Program):
     def __init__(self, base: Program, axes: Sequence[int | None], leaves: Sequence[Any]):
         super().__init__(jax.vmap(base.function, tuple(axes)), leaves)
         self._base, self._axes = base, axes
-        pairs = zip(self._avals, axes, strict=True)
+        self.arguments = [  # numbers of Python, too, may be arrays of NumPy by now
+            x.update(weak_type=own.weak_type)
+            for x, own in zip(self.arguments, base.arguments, strict=True)
+        ]
+        pairs = zip(self.arguments, axes, strict=True)
         self._n_case = next(x.shape[axis] for x, axis in pairs if axis is not None)
 
     @property
@@ -159,7 +167,8 @@ class MappedProgram(Program):
 
     def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
         """Return the results by NumPy: case by case unless the program is small."""
-        if self._base.n_equation <= _SMALL and self._n_case > 1:
+        is_small = self._base.n_equation <= _SMALL and self._n_case > 1
+        if is_small or self._n_case == 0:  # what has no cases has shapes nevertheless
             return super().evaluate(leaves, work)
         rows = [
             itertools.repeat(x) if axis is None else np.moveaxis(x, axis, 0)

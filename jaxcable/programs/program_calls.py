@@ -8,27 +8,22 @@ kept with it.
 from __future__ import annotations
 
 import functools
-import threading
-import weakref
-from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..common import jax_internals as internals
 from ..common.compilation import (
     is_debugging,
-    on_forget_programs,
     program_settings,
     without_garbage_collection,
 )
 from ..common.fusion import are_loops_fused
+from .known import KnownPrograms
 from .program import MappedProgram, Program
-
-MOST_PROGRAMS = 32
-"""Programs of a function that are known at the same time, so that a process does not grow."""
 
 
 def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Callable[..., Any]:
@@ -47,7 +42,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         every leaf of the arguments, or None for leaves that all cases share.
     """
     plain = jax.jit(function, static_argnames=static)
-    known = _KnownPrograms()
+    known = KnownPrograms()
 
     @functools.wraps(function)
     def run(*arguments, axes=None, **options):
@@ -79,33 +74,6 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
     return made
 
 
-class _KnownPrograms:
-    """The last `MOST_PROGRAMS` programs of a function, by key."""
-
-    every: ClassVar[weakref.WeakSet[_KnownPrograms]] = weakref.WeakSet()
-
-    def __init__(self):
-        self.programs: OrderedDict[Any, Program] = OrderedDict()
-        self.lock = threading.Lock()
-        self.every.add(self)
-
-    def find(self, key, make):
-        """Return the program of a key, made by `make` if it is not known."""
-        with self.lock:
-            program = self.programs.pop(key, None) or make()
-            self.programs[key] = program  # as the last one
-            while len(self.programs) > MOST_PROGRAMS:
-                self.programs.popitem(last=False)
-        return program
-
-
-@on_forget_programs
-def _forget():
-    """Forget the programs of all functions."""
-    for known in list(_KnownPrograms.every):
-        known.programs.clear()
-
-
 def _make_program(function, leaves, axes):
     """Return the `Program` of a function of arrays, or that of a batch along `axes`."""
     if axes is None:
@@ -124,12 +92,16 @@ def _without_axis(x, axis):
 def _signature(x):
     """Return what a program depends on of an argument: shape, dtype and device; hashable.
 
-    Arrays of NumPy, and those of jax that are bound to no device, are the same to a program.
+    Arrays of NumPy, and those of jax that are bound to no device, are the same to a program. So are
+    numbers of Python and what is traced in their place, whose dtype yields to that of others.
     """
+    if isinstance(x, np.ndarray | np.generic):
+        return x.shape, x.dtype
     if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
         free = not (x.weak_type or getattr(x, "committed", True))
         return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
-    return (x.shape, x.dtype) if hasattr(x, "dtype") else type(x)
+    aval = jax.typeof(x)
+    return (aval.shape, aval.dtype, "weak") if aval.weak_type else (aval.shape, aval.dtype)
 
 
 # --- the call as a primitive
@@ -149,12 +121,11 @@ class _Linearization:
     Args:
         program: `Program`.
         moving: indices of its arguments by which it is differentiated.
-        leaves: arguments in their shapes.
     """
 
-    def __init__(self, program, moving, leaves):
+    def __init__(self, program, moving):
         self.program, self.moving = program, moving
-        self.forward = Program(self._values_and_residuals, leaves)
+        self.forward = Program(self._values_and_residuals, program.arguments)
         self.linear = None
 
     def _values_and_residuals(self, *leaves):
@@ -200,7 +171,7 @@ def _call_jvp(primals, tangents, *, program, **_):
     if not moving:
         found = _CALL.bind(*primals, program=program)
         return found, [internals.zero_tangent(x) for x in found]
-    own = program.derived(("jvp", moving), lambda: _Linearization(program, moving, primals))
+    own = program.derived(("jvp", moving), lambda: _Linearization(program, moving))
     found = _CALL.bind(*primals, program=own.forward)
     changes = iter(own.changes(primals, found, [tangents[k] for k in moving]))
     values = found[: len(own.floats)]

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from .block import Block, Value
 
 Rule = Callable[[Block, Any, Sequence[Value]], Sequence[Value]]
@@ -19,6 +21,18 @@ RULES: dict[str, Rule] = {}
 
 class NoRuleError(NotImplementedError):
     """A program has a primitive that has no rule here."""
+
+
+def numpy_dtype(aval: Any) -> np.dtype[Any]:
+    """Return the dtype of an abstract value.
+
+    Raises:
+        NoRuleError: NumPy has none (keys of random numbers), or the rules are not written for it
+            (complex numbers).
+    """
+    if not isinstance(aval.dtype, np.dtype) or aval.dtype.kind == "c":
+        raise NoRuleError(f"numbers of dtype {aval.dtype}")
+    return aval.dtype
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from .block import Block, Names, Value
-from .rules import RULES, NoRuleError
+from .rules import RULES, NoRuleError, numpy_dtype
 
 _INLINE = 40  # equations up to which a function or branch is written where it is called
 
@@ -32,11 +32,11 @@ def write_equations(
     """Write all equations of a jaxpr into a block; return the values of its results."""
     values: dict[Any, Value] = dict(zip(jaxpr.invars, inputs, strict=True))
     for x, own in zip(jaxpr.constvars, constants, strict=True):
-        values[x] = block.names.constant(np.asarray(own))
+        values[x] = block.names.constant(np.asarray(own, numpy_dtype(x.aval)))
 
     def read(x):
         if internals.is_jaxpr_literal(x):
-            return block.names.constant(np.asarray(x.val, x.aval.dtype))
+            return block.names.constant(np.asarray(x.val, numpy_dtype(x.aval)))
         return values[x]
 
     for equation in jaxpr.eqns:
@@ -97,7 +97,7 @@ def make_function(names: Names, program: Any) -> Callable[..., Any]:
     jaxpr, constants = inner_jaxpr(program)
     block = Block(names)
     inputs = [
-        Value(names.new("a"), tuple(x.aval.shape), np.dtype(x.aval.dtype), tuple(x.aval.shape), 1)
+        Value(names.new("a"), tuple(x.aval.shape), numpy_dtype(x.aval), tuple(x.aval.shape), 1)
         for x in jaxpr.invars
     ]
     with np.errstate(all="ignore"):

@@ -21,7 +21,7 @@ from jaxcable.common import kept_programs
 from jaxcable.common.checks import warn_user, without_warnings
 from jaxcable.common.compilation import without_garbage_collection
 from jaxcable.numerics import vectors
-from jaxcable.programs import program_calls
+from jaxcable.programs import known
 from jaxcable.programs.program_calls import as_program
 
 # --- other processes
@@ -186,7 +186,7 @@ def test_forgotten_programs_are_made_again():
 
 
 def test_as_many_programs_as_are_allowed(monkeypatch):
-    monkeypatch.setattr(program_calls, "MOST_PROGRAMS", 3)
+    monkeypatch.setattr(known, "MOST_PROGRAMS", 3)
     run = as_program(lambda x: 2 * x)
     for n in (1, 2, 3, 4, 2, 5):
         np.testing.assert_array_equal(run(np.ones(n)), 2 * np.ones(n))

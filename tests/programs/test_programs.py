@@ -1,8 +1,10 @@
 """Programs outside of `jit`: the same by NumPy and by XLA, and when which of them runs."""
 
+import gc
 import signal
 import threading
 import time
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +15,7 @@ from jax import lax
 import jaxcable as jc
 from jaxcable.analysis import phase_loop
 from jaxcable.common import status
-from jaxcable.programs import decision
+from jaxcable.programs import decision, known
 from jaxcable.programs.program import Program
 from jaxcable.programs.program_calls import as_program
 
@@ -322,15 +324,98 @@ def test_derivatives_and_batches_of_programs(derive):
         np.testing.assert_allclose(own, other, rtol=1e-13)
 
 
-def test_programs_of_functions_that_are_gone_are_gone():
-    import gc
-    import weakref
+@pytest.mark.parametrize("way", ["numpy", "xla"])
+@pytest.mark.parametrize(
+    "derive",
+    [
+        lambda f, lin, pull: f(lin(X)),
+        lambda f, lin, pull: pull(f(X))[0],
+        lambda f, lin, pull: jax.jvp(lambda t: f(lin(t)), (X,), (X,))[1],
+    ],
+)
+def test_linear_parts_of_programs_within_programs(way, derive):
+    """What `jax.linearize` and `jax.vjp` return is called inside of another program."""
 
+    def square(x):
+        return jnp.sin(x) * x
+
+    with jc.evaluation(way):
+        run = as_program(square)
+        _, lin = jax.linearize(run, X)
+        _, pull = jax.vjp(run, X)
+        found = as_program(lambda t: derive(lambda x: 2.0 * x, lin, pull) + t)(np.zeros(3))
+    _, lin = jax.linearize(square, X)
+    _, pull = jax.vjp(square, X)
+    np.testing.assert_allclose(found, derive(lambda x: 2.0 * x, lin, pull), rtol=1e-14)
+
+
+@pytest.mark.parametrize("way", ["numpy", "xla", "auto"])
+def test_a_batch_without_cases_has_shapes(way):
+    with jc.evaluation(way):
+        found, index = jax.vmap(cubic, (0, None))(np.zeros((0, 3)), A)
+        change = jax.vmap(jax.grad(number_of), (0, None))(np.zeros((0, 3)), A)
+    assert found["sum"].shape == index.shape == (0,)
+    assert found["each"].shape == change.shape == (0, 3)
+
+
+@pytest.mark.parametrize("way", ["numpy", "xla"])
+def test_numbers_of_python_yield_to_the_dtype_of_arrays(way):
+    """Also where they are traced, and whatever has been called before."""
+    x = np.ones(2, np.float32)
+    with jc.evaluation(way):
+        run = as_program(lambda x, a: x * a)
+        assert run(x, np.float64(2.0)).dtype == np.float64
+        found = [
+            *jax.jvp(lambda a: run(x, a), (2.0,), (1.0,)),
+            *jax.jvp(lambda x: run(x, 2.0), (x,), (x,)),
+            jax.vmap(lambda x: run(x, 2.0))(x),
+            jax.grad(lambda x: run(x, 2.0).sum())(x),
+        ]
+        assert [y.dtype for y in found] == [np.float32] * len(found)
+        pull = jax.vjp(lambda x, n: run(x, n), x, 2)[1]  # jax has a type of its own for such a 2
+        np.testing.assert_array_equal(pull(x)[0], 2 * x)
+
+
+def test_a_program_does_not_keep_all_of_its_batches():
+    run = as_program(lambda x: 2.0 * x)
+    for n in range(1, known.MOST_PROGRAMS + 4):
+        np.testing.assert_array_equal(jax.vmap(run)(np.ones((n, 2))), 2.0 * np.ones((n, 2)))
+    (program,) = run.known.values()
+    assert len(program.known.programs) == known.MOST_PROGRAMS
+
+
+def test_what_was_heard_is_not_heard_again(compilations):
+    """A long call that reports something does not begin again, compiled; the next one is."""
+    heard = []
+
+    @as_program
+    def loud(x, count):
+        jax.debug.callback(lambda a: heard.append(float(a)), x)
+        return lax.fori_loop(0, count, lambda _, y: jnp.sin(y), x)
+
+    loud(1.0, 3000)
+    jax.effects_barrier()
+    assert heard == [1.0] and compilations == []
+    loud(2.0, 1)
+    jax.effects_barrier()
+    assert heard == [1.0, 2.0] and len(compilations) == 1
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda f: f(X),
+        lambda f: jax.grad(lambda x: f(x).sum())(X),
+        lambda f: jax.hessian(lambda x: f(x).sum())(X),
+        lambda f: jax.vmap(jax.grad(lambda x: f(x).sum()))(np.stack([X, X])),
+    ],
+)
+def test_programs_of_functions_that_are_gone_are_gone(use):
     def function(x):
-        return x + 1
+        return jnp.sin(x) * x
 
     program = as_program(function)
-    program(1.0)
+    use(program)
     seen = weakref.ref(function)
     del function, program
     gc.collect()

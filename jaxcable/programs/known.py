@@ -1,0 +1,41 @@
+"""What is known at the same time: programs of a function, derivatives and batches of a program."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Any, ClassVar
+
+from ..common.compilation import on_forget_programs
+
+MOST_PROGRAMS = 32
+"""Programs of a function that are known at the same time, so that a process does not grow."""
+
+
+class KnownPrograms:
+    """The last `MOST_PROGRAMS` programs of a function, or made of a program, by key."""
+
+    every: ClassVar[weakref.WeakSet[KnownPrograms]] = weakref.WeakSet()
+
+    def __init__(self) -> None:
+        self.programs: OrderedDict[Any, Any] = OrderedDict()
+        self._lock = threading.Lock()
+        self.every.add(self)
+
+    def find(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return the program of a key, made by `make` if it is not known."""
+        with self._lock:
+            program = self.programs.pop(key, None) or make()
+            self.programs[key] = program  # as the last one
+            while len(self.programs) > MOST_PROGRAMS:
+                self.programs.popitem(last=False)
+        return program
+
+
+@on_forget_programs
+def _forget():
+    """Forget the programs of all functions."""
+    for known in list(KnownPrograms.every):
+        known.programs.clear()
