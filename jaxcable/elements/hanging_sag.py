@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .. import linear
 from ..common.types import Array, Float
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..numerics.roots import bracketed_root
@@ -168,7 +169,7 @@ def _mismatches_and_strain(shape, given):
 def _solve(_, product, rhs):
     """Solve with a linear function of four numbers, or with its transpose."""
     matrix = jax.vmap(product, out_axes=1)(jnp.eye(4, dtype=rhs.dtype))
-    return jnp.linalg.solve(matrix, rhs)
+    return linear.solve_general(matrix, rhs)[0]
 
 
 def _sinhc(t):

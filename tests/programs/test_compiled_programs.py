@@ -170,6 +170,11 @@ def _sag(pretension):
     return jc.solve(cross(), [jc.Phase(pretension=pretension), LOADED[1]]).tension
 
 
+def _pull(cotangent):
+    """The cotangent of the pretension."""
+    return lambda pretension: jax.vjp(_sag, pretension)[1](cotangent)[0]
+
+
 def _pulled(force):
     return jc.solve(cross(), [PRESTRESS, jc.Phase(loads=jc.NodalLoads([4], force))]).tension
 
@@ -178,6 +183,7 @@ DOWN = np.array([0.0, 0.0, -300.0])
 DERIVATIVES = {
     "jvp": (lambda: jax.jvp(_sag, (1000.0,), (1.0,)), 0),
     "vjp": (lambda: jax.vjp(_sag, 1000.0)[1](np.ones(4)), 0),
+    "jvp of vjp": (lambda: jax.jvp(_pull(np.ones(4)), (1000.0,), (1.0,)), 0),
     "vmap": (lambda: jax.vmap(_sag)(np.array([1000.0, 1001.0])), 0),
     "jvp by a load": (lambda: jax.jvp(_pulled, (DOWN,), (DOWN,)), 0),
 }
