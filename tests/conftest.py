@@ -29,6 +29,7 @@ PART = os.environ.get("TEST_PART")
 Of all tests with fused loops it is the same part, or one of `FUSED_PARTS` if there are more."""
 FUSED_PARTS = 8
 
+import budget
 import choose_tests
 import jax
 import pytest
@@ -52,6 +53,7 @@ def pytest_configure(config):
     """
     if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
+    config.pluginmanager.register(budget.Budget(budget.budget_of(config)))
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks are selected
