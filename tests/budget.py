@@ -102,6 +102,7 @@ class Budget:
         elif self.unit is not None and self._judge()[1]:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
+    @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
     def pytest_testnodedown(self, node):
         """Add what a worker has taken."""
         self.workers += getattr(node, "workeroutput", {}).get("seconds", 0.0)
@@ -141,7 +142,7 @@ _BEGIN = pytest.StashKey()
 def budget_of(config):
     """Return what a run may cost, a dict, or None if it is not a run of the whole suite."""
     whole = [pathlib.Path(name).resolve() for name in config.args] in ([TESTS], [config.rootpath])
-    if not whole or config.option.keyword or os.environ.get("TEST_PART"):
+    if not whole or config.option.keyword or config.option.collectonly:
         return None
     budgets = tomllib.loads((TESTS / "budgets.toml").read_text("utf-8"))
     return budgets.get(config.option.markexpr)
