@@ -29,7 +29,7 @@ PART = os.environ.get("TEST_PART")
 Of all tests with fused loops it is the same part, or one of `FUSED_PARTS` if there are more."""
 FUSED_PARTS = 8
 
-import choose_tests
+import budget
 import jax
 import pytest
 
@@ -52,23 +52,27 @@ def pytest_configure(config):
     """
     if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
+    config.pluginmanager.register(budget.Budget(budget.budget_of(config)))
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks are selected
 def pytest_collection_modifyitems(config, items):
-    """Mark as `slow` what `make test` leaves out by measure, see `choose_tests`."""
-    out, seen = set() if FUSED else choose_tests.left_out(), set()
+    """Mark the cases that `slow_cases` names as `slow`; take `PART` of the slow tests."""
+    named, seen = {}, {}
     for item in items:
-        name = item.nodeid.removeprefix("tests/")
-        seen |= {name, name.partition("[")[0]}
-        if choose_tests.is_left_out(name, out):
-            item.add_marker(pytest.mark.slow)
-            item.add_marker(pytest.mark.listed)
+        for mark in item.iter_markers("slow_cases"):
+            case, function = item.callspec.id, item.nodeid.partition("[")[0]
+            named[function] = mark.args
+            seen.setdefault(function, set()).add(case)
+            if case in mark.args:
+                item.add_marker(pytest.mark.slow)
+    if not any("::" in argument for argument in config.args):  # else some cases are not collected
+        unknown = [f"{k}: {name}" for k in named for name in set(named[k]) - seen[k]]
+        if unknown:
+            raise pytest.UsageError(f"slow_cases names no case of {'; '.join(unknown)}")
     if PART is not None:
         parted = (lambda item: True) if FUSED else (lambda item: item.get_closest_marker("slow"))
         items[:] = [item for item in items if not parted(item) or in_part(item)]
-    whole = [str(pathlib.Path(name)) for name in config.args] in (["tests"], [str(config.rootpath)])
-    config.stash[choose_tests.UNKNOWN] = out - seen if whole else None
 
 
 def in_part(item):

@@ -121,6 +121,7 @@ def test_an_empty_list_adds_nothing():
 
 
 # the cable hardly stretches, on purpose
+@pytest.mark.slow
 @pytest.mark.filterwarnings(r"ignore:elements\['cable'\].weight:jaxcable.InputWarning")
 def test_loads_act_whenever_their_element_is_there():
     """A cantilever of two beams and a cable: removed, and added again, by statics.
@@ -160,6 +161,7 @@ def test_loads_act_whenever_their_element_is_there():
         np.testing.assert_allclose(load, [-P, -Q] if away else there, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phases.*supports")  # meanwhile there is nothing to move
 def test_a_support_still_ends_a_load():
     """On a node whose element has gone and that a support holds then: nothing is left to act."""

@@ -70,6 +70,16 @@ LOADS = {
 }
 
 
+@pytest.mark.slow_cases(
+    "first-ice",
+    "first-weight",
+    "first-wind",
+    "lower-ice",
+    "lower-wind",
+    "upper-ice",
+    "upper-weight",
+    "upper-wind",
+)
 @pytest.mark.parametrize("loads", LOADS)
 @pytest.mark.parametrize("at", ["lower", "upper", "first"])
 def test_spans_are_built_as_stated(loads, at):
@@ -152,6 +162,7 @@ def built(name, values, **more):
     return [first, jc.Phase(), jc.Phase(temperature={"guys": -25.0}, loads=wind)]
 
 
+@pytest.mark.slow
 def test_a_mast_that_moves_ends_in_the_stated_tension():
     """In equilibrium with all loads, to 1e-10; later phases keep the lengths.
 
@@ -179,6 +190,7 @@ def test_a_mast_that_moves_ends_in_the_stated_tension():
     assert np.abs(other / np.asarray(TENSIONS) - 1).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_mast_whose_guys_nearly_let_it_sway():
     """A post on a hinge, pushed sideways: it leans until three equal tensions are in balance.
 
@@ -222,6 +234,7 @@ def moved(v):
     return way + last, solution.status
 
 
+@pytest.mark.slow
 def test_derivatives_by_what_is_stated():
     """Through the lengths that are found, and phases after them; a batch has the same numbers."""
     v = jnp.ones(3)
@@ -237,6 +250,7 @@ def test_derivatives_by_what_is_stated():
     assert np.isnan(found[2])
 
 
+@pytest.mark.slow
 def test_there_is_no_length_for_a_tension_below_the_least():
     """A level span of an inextensible cable has at least 0.7544 of its weight per span."""
     cable = jc.Catenaries([[0, 1]], axial_stiffness=1e9, weight=WEIGHT)
@@ -353,6 +367,7 @@ def test_paths_take_an_end_tension_of_straight_elements():
             jc.design.tune(mast(), phase, [(0, "shortening")], [target])
 
 
+@pytest.mark.slow
 def test_statements_in_stages():
     """A cable is strung, a second one comes, both are tensioned anew; then one of them breaks.
 
@@ -382,6 +397,7 @@ def test_statements_in_stages():
     np.testing.assert_allclose(again[0, 0], 4e3, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_single_precision():
     """To the square root of what rounding leaves, or better."""
     structure = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), mast())

@@ -41,6 +41,7 @@ def test_chunks(chunk, devices):
     np.testing.assert_array_equal(found[1], FORCES[:, 0])
 
 
+@pytest.mark.slow
 def test_analyses_and_gradients_of_shared_and_own_parameters():
     """Beside single analyses, and differences."""
 

@@ -35,6 +35,7 @@ def program(structure, phases, method=None):
     return text, len(re.findall(r" = ", text))
 
 
+@pytest.mark.slow
 def test_changing_a_number_does_not_recompile():
     jc.solve(STRUCTURE, [PRESTRESS, LOADING])
     before = compilations()
@@ -77,6 +78,7 @@ def test_nets_of_equal_shape_share_a_compilation():
     assert np.abs(same).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
     sizes = {program(STRUCTURE, [jc.Phase(pretension=200.0, increments=n)])[1] for n in (2, 7, 300)}
     assert len(sizes) == 1
@@ -136,12 +138,14 @@ def line_counts():
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow_cases("flat_net")
 @pytest.mark.parametrize("name", LINES)
 def test_programs_have_not_grown(name, line_counts):
     for count, most in zip(line_counts[name], LINES[name], strict=True):
         assert 0.5 * most < count < most  # halved: tighten the bound
 
 
+@pytest.mark.slow
 def test_small_analyses_compile_quickly_and_give_the_same():
     if jax.__version_info__ < (0, 11) and jax.default_backend() == "cpu":  # 0.12 has no such option
         assert jax_internals.quick_compile_options()
@@ -161,6 +165,7 @@ def test_only_free_freedoms_are_solved_for():
     assert factored == {("12", "12")}  # 4 free nodes of 12
 
 
+@pytest.mark.slow
 def test_a_bar_scene_has_nothing_of_what_it_does_not_use():
     """Every feature leaves equations where it is used, and so would be seen if it leaked."""
     load = jc.NodalLoads([1], (1.0, 0.0, -5.0))
@@ -177,6 +182,7 @@ def test_a_bar_scene_has_nothing_of_what_it_does_not_use():
     assert program(bars_only(), [again[0], support])[1] > program(bars_only(), again)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:supports")  # a strut on two ball joints may spin
 def test_a_scene_without_beams_has_nothing_of_them():
     """No motion with rotations, no freedoms beside displacements, no record of strains."""
@@ -198,6 +204,7 @@ def test_a_scene_without_beams_has_nothing_of_them():
     assert f"f64[{n},7]" in with_beam and more > 1.5 * count
 
 
+@pytest.mark.slow
 def test_nothing_is_collected_while_programs_are_traced():
     """Neither in a solution nor in its gradient; afterwards all is as it was, also after errors."""
     structure, phases = jc.scenes.flat_net()

@@ -66,6 +66,7 @@ def test_a_frame_ends_in_a_batch_as_alone(nested):
     assert found[3].tolist()[:5] == [True, True, True, False, True]
 
 
+@pytest.mark.slow
 def test_gradients_of_a_batch_are_those_of_its_cases():
     force, moment = (a[:5] for a in mixed_cases())
 

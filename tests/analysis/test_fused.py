@@ -52,12 +52,14 @@ def printed(before="", flags=""):
     return run.stdout.strip(), run.stderr
 
 
+@pytest.mark.slow
 def test_the_option_reaches_xla():
     assert printed() == ("True", "")
     other = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling=true"
     assert printed(flags=f"--xla_cpu_multi_thread_eigen=true {other}") == ("True", "")
 
 
+@pytest.mark.slow
 def test_too_late_is_said():
     out, warning = printed("import jax.numpy; jax.numpy.ones(3)")
     if jax.__version_info__ < (0, 11):  # jax 0.12 fuses loops of this size without being asked

@@ -135,6 +135,7 @@ def net_with_everything(p):
     return measure, (solution.status, *slack)
 
 
+@pytest.mark.slow
 def test_the_net_has_slack_cables_and_none_that_nearly_is():
     values = {name: value for name, (value, _) in PARAMETERS.items()}
     (_, (status, n_slack, n_loose, positions, rest_length)), _ = net_with_everything(values)
@@ -219,11 +220,13 @@ def assert_taylor(kind, name):
     assert wrong < 1.5
 
 
+@pytest.mark.slow_cases("area", "axial_stiffness", "nodes")
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_taylor_of_a_net(name):
     assert_taylor("net", name)
 
 
+@pytest.mark.slow_cases("nodes")
 @pytest.mark.parametrize("name", MAST_PARAMETERS)
 def test_taylor_of_a_mast(name):
     assert_taylor("mast", name)
@@ -309,6 +312,7 @@ def test_gradients_and_hessian_vector_products_of_nets(name):
 # --- Kinks: where stiffness begins
 
 
+@pytest.mark.slow
 def test_second_derivatives_after_an_unstressed_phase():
     """Phase 1 ends without stiffness across: it has no derivative there, the end has all of them.
 
@@ -337,6 +341,7 @@ def test_second_derivatives_after_an_unstressed_phase():
     np.testing.assert_allclose(hessian, differences, rtol=1e-6)  # h^2 and rounding / h
 
 
+@pytest.mark.slow
 def test_no_derivative_between_taut_and_slack():
     """Two unstressed cables in line: moving either way only one holds, so that EA / l is right.
 

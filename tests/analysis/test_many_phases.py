@@ -28,6 +28,7 @@ def lines(phases):
     return function.lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
 
 
+@pytest.mark.slow
 def test_their_number_does_not_enter_the_size_of_the_program():
     # 4 increments: arrays of phases and of increments that are equally long share small functions
     more = jc.Phase(loads=push(1.0), increments=4)
@@ -88,6 +89,7 @@ def test_all_at_once_is_one_after_the_other(method):
     np.testing.assert_allclose(whole.positions, step.positions, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_loads_of_later_phases_are_not_known_before():
     """A NaN in the third phase: the second stands, and so do its derivatives."""
     line = jc.LineLoads((0.0, 0.0, -3.0))
@@ -111,6 +113,7 @@ def test_loads_of_later_phases_are_not_known_before():
     assert float(rate) == pytest.approx(float(expected), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_results_of_phases_are_a_sequence():
     solution = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
     _, last = solution.phases
@@ -151,6 +154,7 @@ def wedge(**law):
 YIELDING = jc.Polygonal([0.0, 0.004, 0.05], [0.0, 4e8, 6e8], "elastic")
 
 
+@pytest.mark.slow
 def test_second_derivatives_within_increments():
     """Increments with derivatives of their own are scanned: see `test_implicit_root`.
 
@@ -183,6 +187,7 @@ def test_second_derivatives_within_increments():
     np.testing.assert_allclose(hessian, differences, rtol=1e-5, atol=1e-5 * largest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method", [TIGHT, pytest.param(jc.Incremental(corrections=2), marks=pytest.mark.slow)]
 )

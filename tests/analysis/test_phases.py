@@ -30,12 +30,14 @@ def by_tension():
     return solved(STRUCTURE, [PRESTRESS, LOADING])
 
 
+@pytest.mark.slow
 def test_absolute_statement_in_a_later_phase_refers_to_the_initial_nodes(by_tension):
     """Prestress after loading ends where prestress before loading does."""
     late = solved(STRUCTURE, [LOADING, jc.Phase(pretension=200.0, increments=2)])
     assert np.abs(np.asarray(late.displacement - by_tension.displacement)).max() < 1e-13
 
 
+@pytest.mark.slow_cases("<lambda>0")
 @pytest.mark.parametrize(
     "tree", [lambda *parts: dict(zip("ab", parts, strict=True)), lambda *parts: [*parts]]
 )
@@ -70,6 +72,7 @@ def test_one_number_is_for_groups_that_take_it():
         ] == expected
 
 
+@pytest.mark.slow
 def test_unequal_pretension_moves_to_an_independently_checked_equilibrium():
     tension = np.linspace(100, 300, 12)
     solution = solved(STRUCTURE, [jc.Phase(pretension=tension, increments=3), LOADING])
@@ -160,6 +163,7 @@ def test_fixed_freedoms_are_held_where_they_are():
     assert float(solution.load[3, 2]) == -75.0 and float(solution.load[4, 2]) == -150.0
 
 
+@pytest.mark.slow
 def test_loads_add_over_phases_and_an_empty_phase_changes_nothing(by_tension):
     half = jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (0, 0, -37.5)))
     two = solved(STRUCTURE, [PRESTRESS, half, jc.Phase(), half])
@@ -172,6 +176,7 @@ def assert_same(a, b):
     assert np.abs(np.asarray(a) - np.asarray(b)).max() <= 1e-13 * np.abs(np.asarray(b)).max()
 
 
+@pytest.mark.slow
 def test_start_continues_from_a_solution(by_tension):
     first = solved(STRUCTURE, [PRESTRESS])
     again = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first)
@@ -183,6 +188,7 @@ def test_start_continues_from_a_solution(by_tension):
     assert_same(same.displacement, by_tension.displacement)
 
 
+@pytest.mark.slow
 def test_start_remembers_supports_and_weight():
     structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, weight=3.0))
     mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()

@@ -65,6 +65,7 @@ KINDS = {
 ORDERS = {"net": [jax.jacrev, lambda f: jax.grad(jax.grad(f)), jax.hessian]}
 
 
+@pytest.mark.slow_cases("catenaries", "history", "net", "stages")
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_those_within_jit(kind):
     """Of any mode and order: the iteration has the same derivative, by another program."""
@@ -85,6 +86,7 @@ def test_derivatives_are_those_within_jit(kind):
         np.testing.assert_allclose(derivative(load), inside, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch():
     measure, load = KINDS["net"]
     loads = jnp.array([load, 1.1 * load])
@@ -186,6 +188,7 @@ def test_derivatives_of_the_path_are_nan_or_given():
     np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
 
 
+@pytest.mark.slow_cases("None-False", "None-True", "elastic-False", "elastic-True")
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("unloading", [None, "elastic"])
 def test_the_last_state_has_derivatives_where_a_later_phase_fails_at_once(inside, unloading):

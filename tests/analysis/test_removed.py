@@ -32,6 +32,7 @@ def line():
     return structure, phases, solution
 
 
+@pytest.mark.slow
 def test_a_conductor_that_breaks_hangs_before(line):
     """w L^2 / 8 H below its chord when strung; the same shapes as of the analysis so far."""
     structure, phases, solution = line
@@ -68,6 +69,7 @@ def test_the_page_names_its_phases_and_has_numbers_only(line):
         jc.plots.view(solution, None, structure=structure, names=["strung"])
 
 
+@pytest.mark.slow
 def test_buckling_after_a_removal_is_without_the_element():
     """A rigid strut of h = 2 m under P, held along y by springs k: it buckles at k h / P.
 

@@ -34,6 +34,7 @@ def solved(*arguments, **options):
 # --- closed forms
 
 
+@pytest.mark.slow
 def test_bars_that_come_share_what_is_loaded_from_then_on():
     """``EA (x / L_k - 1)`` of every bar, unstressed at the length L_k that it has found."""
     n, push, stiffness = 5, 1e4, 1e6
@@ -55,6 +56,7 @@ def test_bars_that_come_share_what_is_loaded_from_then_on():
     assert 2 - float(solution.positions[1, 2]) - 2 == pytest.approx(x, abs=1e-13)
 
 
+@pytest.mark.slow_cases("drawn")
 @pytest.mark.parametrize("placed", ["attached", "drawn"])
 def test_a_chain_grows_downwards(placed):
     """Bars that are attached have their 1 m; those that reach to where a node waits have less."""
@@ -108,6 +110,7 @@ def erected(n, length, weight, attached):
     return -w
 
 
+@pytest.mark.slow_cases("attached")
 @pytest.mark.parametrize("placed", ["attached", "drawn"])
 def test_a_cantilever_is_built_segment_by_segment(placed):
     n, length, weight = 5, 2.0, 50.0
@@ -127,6 +130,7 @@ def test_a_cantilever_is_built_segment_by_segment(placed):
     assert float(solution.reactions[0, 2]) == pytest.approx(weight * n * length, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_segment_attached_to_a_turned_end_goes_on_straight():
     """A weightless segment on a cantilever bent into a quarter circle: rigid, in space."""
     n = 8
@@ -153,6 +157,7 @@ def test_a_segment_attached_to_a_turned_end_goes_on_straight():
     np.testing.assert_allclose(drawn.section_forces[n], 0.0, atol=1e-6 * bend)
 
 
+@pytest.mark.slow_cases("0")
 @pytest.mark.parametrize("first", [0, 1])
 def test_two_spans_one_after_the_other(first):
     """The weight of the first span makes no moment at the support, that of the second q L^2/16."""
@@ -239,6 +244,7 @@ def test_what_has_yielded_comes_back_as_new():
 # --- what waits
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phases.*no element touches")  # the load comes first
 def test_a_node_that_waits_neither_moves_nor_counts():
     structure = cross()
@@ -265,6 +271,7 @@ def test_a_node_that_waits_neither_moves_nor_counts():
     assert jc.stiffness.tangent_of(more, solution).shape == (6, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hinged", "sprung", "rigid"])
 def test_ends_of_all_kinds_come_and_go(kind):
     """A portal whose beam comes after the columns have bent: as if it had never been there."""
@@ -300,6 +307,7 @@ def test_ends_of_all_kinds_come_and_go(kind):
     np.testing.assert_allclose(gone.displacement[2], 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_hanging_and_sliding_cables_come():
     nodes = np.array([[0.0, 0, 0], [10, 0, 0], [5, 0, 0], [5, 4, 0.0]])
     groups = {
@@ -335,6 +343,7 @@ def test_hanging_and_sliding_cables_come():
     np.testing.assert_allclose(moments.sum(axis=0), 0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_stages_go_on_from_a_solution():
     structure = cross()
     stages = [
@@ -360,6 +369,7 @@ def test_stages_go_on_from_a_solution():
 # --- transformations and programs
 
 
+@pytest.mark.slow
 def test_derivatives_go_through_all_stages():
     structure = cross(weight=2.0)
 
@@ -455,6 +465,7 @@ def test_what_is_refused_elsewhere(tmp_path):
         jc.trace_path(cross(), stages)
 
 
+@pytest.mark.slow
 def test_a_path_and_the_incremental_scheme_know_what_is_absent():
     structure = cross()
     stages = [jc.Phase(pretension=1000.0, removes=jc.only([3])), jc.Phase(loads=PUSH, increments=9)]

@@ -65,6 +65,7 @@ def in_all_ways(ratio):
     return solution
 
 
+@pytest.mark.slow_cases("100.0")
 @pytest.mark.parametrize("ratio", [1e2, 1e5, 1e8])
 def test_each_way_gives_the_same_state(ratio):
     """Stated from the state's own geometry: no movement, the same tensions and lengths.
@@ -86,6 +87,7 @@ def test_each_way_gives_the_same_state(ratio):
     assert sag > 1e-7  # and more, the slacker it is
 
 
+@pytest.mark.slow
 def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_initial_chord():
     """e0 = (l - L0)/L0: L0 = l/(1 + e0), not l (1 - e0); they differ by e0^2 = 1 %."""
     nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
@@ -97,6 +99,7 @@ def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_initial_chord(
     assert np.asarray(solution.tension) == pytest.approx(1e3, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_mixed_cable_by_cable():
     """Four cables of one group, each stated in another way, reach the state of one statement."""
     structure, said, _ = stated(1e2)
@@ -110,6 +113,7 @@ def test_mixed_cable_by_cable():
     assert jnp.abs(solution.tension - plain.tension[0]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_jacks_on_some_cables_of_a_group():
     """Two are jacked to a force while the others keep their lengths; anchored, nothing moves."""
     structure, said, _ = stated(1e2)

@@ -220,6 +220,19 @@ def cases():
                 yield pytest.param(name, kind, solver, marks=marks, id=f"{name}-{kind}-{solver}")
 
 
+@pytest.mark.slow_cases(
+    "checkpoint-bars-pardiso",
+    "grad-bars-tangent",
+    "hessian-bars-cholmod",
+    "jacfwd-net-secant",
+    "jacrev-groups-superlu",
+    "jit-catenaries-dense",
+    "jvp-beams-dense",
+    "jvp-of-grad-net-chosen",
+    "scan-sliding-chosen",
+    "vmap-groups-superlu",
+    "vmap-of-grad-bars-scheme-superlu",
+)
 @pytest.mark.parametrize(("name", "kind", "solver"), [*cases()])
 def test_transformations(name, kind, solver):
     expected = plain(kind, solver)
@@ -241,6 +254,7 @@ FREE = [3, 4, 7, 8]
 NET, (PRESTRESS, _) = jc.scenes.flat_net()
 
 
+@pytest.mark.slow
 def test_loads_as_a_batch():
     """Many load cases at once from one prestressed state, each with a traced component."""
     first = jc.solve(NET, [PRESTRESS])

@@ -16,6 +16,7 @@ def two_cables(kind=jc.Cables, nodes=NODES, **more):
     return jc.Structure(nodes, kind([[0, 1], [1, 2]], **values), jc.pinned([0, 2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [jc.Cables, jc.Catenaries])
 def test_heat_keeps_weight_and_mass(kind):
     """200 K are 2.4e-3 of the length: far above the rounding that is granted."""
@@ -30,6 +31,7 @@ def test_heat_keeps_weight_and_mass(kind):
         np.testing.assert_allclose(phase.reactions[:, 2].sum(), weight, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_heat_keeps_mass():
     structure = two_cables(nodes=NODES * [1.0, 1.0, 0.0])
     for change in (0.0, -200.0):
@@ -43,6 +45,7 @@ def test_heat_keeps_mass():
         np.testing.assert_allclose(stiffness / np.sum(found.squared), mass, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_anchoring_a_jack_leaves_line_loads():
     """An empty phase after the jack moves nothing: the load is that of before."""
     structure = two_cables(weight=None)
@@ -58,6 +61,7 @@ def test_anchoring_a_jack_leaves_line_loads():
         np.testing.assert_allclose(-phase.load[:, 2].sum(), 50.0 * length.sum(), rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phases.*supports")  # all nodes are held on purpose
 def test_a_statement_counts_at_the_temperature_of_its_time():
     """Cooled, shortened, stated anew, warmed: forces between fixed ends in closed form."""
@@ -93,6 +97,7 @@ def test_a_statement_counts_at_the_temperature_of_its_time():
     np.testing.assert_allclose(weight, 20.0 * rest[4] / warm, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_warm_catenary_takes_the_sag_that_is_stated():
     nodes = [[0.0, 0.0, 0.0], [60.0, 0.0, 10.0]]
     cable = jc.Catenaries([[0, 1]], axial_stiffness=1e7, weight=30.0, expansion=1.2e-5)
@@ -115,6 +120,7 @@ def loaded(structure, pretension, geometry):
     return jc.solve(structure, [jc.Phase(pretension=pretension), snow, jc.Phase()])
 
 
+@pytest.mark.slow
 def test_loads_on_the_form_after_prestress():
     """Uneven prestress draws the node aside; snow lies on where it is then, and stays.
 

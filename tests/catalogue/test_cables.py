@@ -183,6 +183,7 @@ def test_a_record_goes_into_elements():
     assert many.diameter is None and many.modulus == pytest.approx(one.modulus)
 
 
+@pytest.mark.slow
 def test_a_stay_stretches_and_warms_as_its_record_says():
     """A cable that hangs straight down: ``F L / EA`` and ``alpha dT L``; derivative by EA."""
     data, length, force = jc.catalogue.cable("Galfan spiral strand 20"), 10.0, 50e3

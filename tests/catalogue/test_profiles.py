@@ -26,6 +26,7 @@ def numbers(section):
 # --- against tables
 
 
+@pytest.mark.slow_cases("HEAA", "IPE", "L")
 @pytest.mark.parametrize(
     "family", ["IPE", "IPE A", "IPE O", "HEAA", "HEA", "HEB", "HEM", "UPE", "L"]
 )
@@ -73,6 +74,7 @@ def test_two_tables_agree():
         assert (abs(found - values) <= np.array([6e-4, 0.051, 0.051]) + own).all(), name
 
 
+@pytest.mark.slow
 def test_hollow_sections_have_the_properties_of_their_tables():
     """Of EN 10210-2 and EN 10219-2, as the Blue Book prints them: all standard sizes."""
     with REFERENCE.open(encoding="utf-8") as stream:
@@ -203,6 +205,7 @@ def test_corners_of_cold_formed_sections():
     assert cold.A < hot.A
 
 
+@pytest.mark.slow
 def test_a_cantilever_of_a_profile_bends_as_its_table_says():
     """``F L^3 / (3 E I)`` about both axes, with small deflections."""
     data = jc.catalogue.profile_data("HEA 200")

@@ -110,6 +110,7 @@ def test_solve_writes_what_it_is_asked_for(scene, capsys):
     assert out.count("status 0: converged") == 1 and "Cutting list" in out
 
 
+@pytest.mark.slow
 def test_an_analysis_that_fails_ends_with_status_1_and_its_text(scene, capsys):
     loads = jc.replace(LOADED.loads, forces=(0.0, 0.0, -1e30))
     jc.save_scene("bad.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, loads=loads)]))
@@ -163,6 +164,7 @@ def test_forces_above_the_strength_are_said_on_the_screen(scene, capsys):
     assert "it fixes the cutting length, and is not the jacking force" in out
 
 
+@pytest.mark.slow_cases("solve")
 @pytest.mark.parametrize("name", ["solve", "info"])
 def test_nodes_in_millimeters_are_doubted(name, scene, capsys):
     large = jc.replace(NET.structure, nodes=1e3 * np.asarray(NET.structure.nodes))
@@ -176,6 +178,7 @@ def test_nodes_in_millimeters_are_doubted(name, scene, capsys):
 # --- form
 
 
+@pytest.mark.slow
 def test_form_writes_a_scene_in_equilibrium(scene, capsys):
     jc.save_scene("saddle.json", jc.scenes.saddle(2, 2))
     for words in ("--tension 5000", "--force-density 4000"):
@@ -216,6 +219,7 @@ def test_form_takes_groups_by_name_and_loads_of_one_phase(scene, capsys, refused
     assert "expected a number, or group=number: much" in line
 
 
+@pytest.mark.slow
 def test_form_finds_forces_in_masts_and_guys(scene, capsys, refused):
     """A mast of given length between guys: their forces are in balance in an analysis."""
     nodes = [[-4.0, -4, 0], [4, -4, 0], [0, 0, 3], [0, -4, 3], [0, 5, 0], [0, 0, 0]]
@@ -255,6 +259,7 @@ def test_form_finds_forces_in_masts_and_guys(scene, capsys, refused):
         assert message in refused(f"{words} {more}")
 
 
+@pytest.mark.slow
 def test_form_beside_groups_that_keep_their_stiffness(scene, capsys, refused):
     """Forces, densities and lengths together; with beams the scene is as drawn, with lengths."""
     nodes = [[-4.0, 0, 0], [0, 0, 0], [0, 0, 3], [4, 0, 4], [4, 4, 0]]
@@ -323,6 +328,7 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys, refused)
         assert message in refused(f"optimize {words}")
 
 
+@pytest.mark.slow
 def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
     jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
     for option in ("--one", "--same-in-group"):  # the old name still works
@@ -332,6 +338,7 @@ def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
         assert "\npretension 0 N\n" in out and "KKT" not in out
 
 
+@pytest.mark.slow
 def test_optimize_does_not_say_that_limits_are_met_that_are_not(scene, capsys):
     """Bounds allow no pretension: the sum is zero, and the net sags more than it may."""
     jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
@@ -341,6 +348,7 @@ def test_optimize_does_not_say_that_limits_are_met_that_are_not(scene, capsys):
     assert "the best design found has no pretension" in out
 
 
+@pytest.mark.slow
 def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     """The best design of a search that has not ended is written by --keep, none of a bad start."""
     save_bare("bare.json")
@@ -527,6 +535,7 @@ def test_every_command_can_be_quiet():
     assert all("--quiet" in own.format_help() for own in commands().values())
 
 
+@pytest.mark.slow_cases("demo")
 @pytest.mark.parametrize("name", [name for name, words in QUIET.items() if words is not None])
 def test_quiet_prints_nothing(name, scene, capsys, monkeypatch):
     """No results, no warnings, no progress."""
@@ -696,6 +705,7 @@ WHOLE = """
 """
 
 
+@pytest.mark.slow
 def test_a_process_draws_without_a_display(scene):
     """Its reader may have gone, as in ``jaxcable solve ... | head -1``: what is to be saved is."""
     around = environment(DISPLAY="", MPLBACKEND="TkAgg")
@@ -711,6 +721,7 @@ def test_a_process_draws_without_a_display(scene):
     assert run.returncode == 0 and run.stdout.startswith("status 0: converged"), run.stderr
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("begun", [False, True])
 def test_ctrl_c_ends_with_one_line(begun, scene):
     """While jax still loads, and in the middle of a long analysis."""

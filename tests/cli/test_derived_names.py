@@ -114,6 +114,7 @@ def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_mar
     assert Path("scene.schema.json").read_bytes() == scene
 
 
+@pytest.mark.slow
 def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, capsys):
     """As they are written, for cables and for beams; the same command may run again."""
     monkeypatch.chdir(tmp_path)

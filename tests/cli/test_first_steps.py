@@ -156,6 +156,7 @@ def test_scripts_pass_the_linter(folder):
         assert "jc.scenes" not in text and 40 <= len(text.splitlines()) <= 70
 
 
+@pytest.mark.slow_cases("mast", "net")
 @pytest.mark.parametrize("kind", new.KINDS)
 def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
     """Scenes have coordinates to 1e-6 m: a stretch of 1e-6 m over 6 m is 5 N of 32 MN."""
@@ -324,6 +325,7 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         assert call["solution"] is by_nodes[len(call["structure"].nodes)]
 
 
+@pytest.mark.slow
 def test_plot_writes_pictures_of_every_kind(scenes, capsys):
     assert main(["plot", *"mast.json --of My --view elevation --save m.pdf".split()]) == 0
     assert main(["plot", *"net.json --sequence --magnify 20 --save s.svg".split()]) == 0

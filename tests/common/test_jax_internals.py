@@ -86,6 +86,7 @@ WITHOUT = """
 """
 
 
+@pytest.mark.slow
 def test_without_primitives():
     """Values and derivatives are those with them, and what is lost is said once."""
     environment = os.environ | {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}

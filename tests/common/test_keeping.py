@@ -83,6 +83,7 @@ def run_process(folder, seed):
     return json.loads(run.stdout)
 
 
+@pytest.mark.slow
 def test_another_process_does_not_compile(tmp_path):
     """Neither an analysis nor a program that calls the host; both agree on digests."""
     for module, text in module_texts().items():

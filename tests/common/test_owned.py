@@ -208,6 +208,7 @@ def test_other_containers_are_taken_apart():
     assert not masked.flags.writeable
 
 
+@pytest.mark.slow
 def test_results_do_not_change_with_arguments_either():
     """Of functions that keep what they are given, or a part of it."""
     structure, (prestress, loading) = jc.scenes.flat_net(increments=(1, 1))

@@ -15,6 +15,7 @@ def scene():
     return jc.scenes.flat_net(load=15.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [jc.Newton(), pytest.param(jc.Incremental(corrections=1), marks=pytest.mark.slow)],
@@ -116,6 +117,7 @@ def test_wrong_listeners_are_named(scene):
     assert as_listener(True) is as_listener(True)  # one object: no second compilation
 
 
+@pytest.mark.slow
 def test_short_work_is_silent_and_known_programs_are_not_compiled(scene):
     show = Printer(pause=1e3, stream=io.StringIO())
     jc.raise_if_failed(jc.solve(*scene, progress=show))

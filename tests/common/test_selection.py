@@ -16,6 +16,7 @@ def test_a_selection_says_which_elements_are_meant():
     assert jax.tree.leaves(jc.only(MASK)) == []  # topology: nothing in it is traced
 
 
+@pytest.mark.slow
 def test_booleans_are_the_numbers_where_they_are_true():
     structure, (prestress, _) = jc.scenes.flat_net()
     lengths = np.linspace(1e-4, 2e-4, MASK.sum())

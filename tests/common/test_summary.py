@@ -48,6 +48,7 @@ def test_of_what_is_traced():
     assert seen and "Solution: traced\n" in seen[0] and "[12] traced N" in seen[0]
 
 
+@pytest.mark.slow_cases("Design")
 @pytest.mark.parametrize("kind", ["Design", "Fit", "ConstrainedDesign", "Confidence"])
 def test_of_optimizations(kind):
     fit = jc.fit(lambda p: jnp.concatenate([p - 1, p]), jnp.zeros(2))

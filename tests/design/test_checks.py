@@ -321,6 +321,7 @@ def test_an_unknown_buckling_factor_is_no_resistance():
     assert np.isnan(found["member buckling"].utilization).all() and not found.passed
 
 
+@pytest.mark.slow
 def test_derivative_of_the_largest_utilization():
     """By pretension and strength, by Taylor's test; the wrong gradient as a control."""
     wind = [jc.Phase(loads=jc.NodalLoads([1], (push, 0.0, 0.0))) for push in (30e3, 45e3)]

@@ -335,6 +335,7 @@ def test_a_report_names_the_combination_that_governs(analysed):
         assert parts == reactions[found.names.index(case), node].tolist()
 
 
+@pytest.mark.slow
 def test_derivative_through_the_governing_combination():
     """Largest tension over all ultimate combinations by the snow: Taylor's slope 2, control 1."""
 

@@ -49,6 +49,9 @@ def minimum_is_stated(found, tol=TOL):
     assert (np.asarray(found.constraints) <= 0).all() and found.kkt_residual <= tol
 
 
+@pytest.mark.slow_cases(
+    "cantilever-2e-06", "dome-2e-05", "ropes-2e-06", "ten bars-2e-05", "three bars-2e-06"
+)
 @pytest.mark.parametrize(
     ("name", "digits"),
     [
@@ -128,6 +131,7 @@ CLOSED_FORMS = {  # problem, arguments, parameters, multipliers
 }
 
 
+@pytest.mark.slow_cases("disc-slsqp", "disc-trust-constr", "outside-trust-constr")
 @SOLVERS
 @pytest.mark.parametrize("name", CLOSED_FORMS)
 def test_closed_form_by_every_library(name, solver):
@@ -157,6 +161,7 @@ def behind_a_wall(p, wall, code):
     return loss, p[1:] - 1.0, jnp.where(failed, code, 0)
 
 
+@pytest.mark.slow_cases("0-trust-constr", "1-trust-constr")
 @SOLVERS
 @pytest.mark.parametrize("code", [status.NOT_CONVERGED, 0])
 def test_failed_trials_shorten_the_step(solver, code):
@@ -183,6 +188,7 @@ def apart(p):
     return p[0] ** 2, jnp.array([1 - p[0], p[0] + 1])
 
 
+@pytest.mark.slow_cases("trust-constr")
 @SOLVERS
 def test_limits_that_contradict_each_other(solver):
     """The violation is 1 where both limits are missed by as much, and more elsewhere."""

@@ -222,6 +222,7 @@ def test_limits_with_a_start_without_slope():
     assert found.status == status.OK
 
 
+@pytest.mark.slow
 def test_a_target_that_is_met_already_is_no_failure(tmp_path, monkeypatch, capsys):
     """But for rounding: of a sum of squares nothing is below zero."""
     monkeypatch.chdir(tmp_path)
@@ -265,6 +266,7 @@ def test_every_event_has_its_text():
         assert [words in text for text in texts] == [k == code for k in range(len(texts))]
 
 
+@pytest.mark.slow
 def test_events_of_a_path_that_are_too_many():
     """Six cables that slacken one after the other, in a record with room for two."""
     nodes = [[0.0, 0, 0], *([0, 0, 1.0 + 0.1 * k] for k in range(6))]

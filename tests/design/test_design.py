@@ -65,6 +65,7 @@ def turned(shortening):
 # --- influence
 
 
+@pytest.mark.slow
 def test_influence_of_shortening():
     """Central differences of 1 um (0.25 N): their error is of third order, and rounding. Betti.
 
@@ -180,6 +181,7 @@ def cases():
     return solutions
 
 
+@pytest.mark.slow
 def test_load_cases_and_envelope():
     for k, force in enumerate(CASES):
         alone = jc.solve(NET, [STATED, jc.Phase(loads=jc.NodalLoads(FREE, force))], TIGHT)
@@ -268,6 +270,7 @@ def distance_at(tension):
     return design.slack_distance(LINE, pulled(tension))
 
 
+@pytest.mark.slow_cases("500.0")
 @pytest.mark.parametrize("tension", [500.0, 200.0])
 def test_distance_to_slackening(tension):
     """The second cable is slack where the pull is more than twice the pretension.

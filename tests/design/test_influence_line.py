@@ -87,6 +87,7 @@ def test_lines_of_two_spans_are_closed_forms():
     assert rest == pytest.approx(3.125, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_lines_are_unit_loads_one_by_one():
     """Of a beam that responds linearly, and of a stayed deck, whose response to 1 N is linear."""
     x = np.array([0.7, 3.3, 7.5, 9.9, 12.5, 16.6, 19.0])
@@ -120,6 +121,7 @@ def test_worst_positions_are_those_of_brute_force():
         assert np.abs(at - worst.value).max() < 1e-6 * np.abs(every).max()
 
 
+@pytest.mark.slow
 def test_the_worst_position_holds_for_the_analysis_and_its_gradient():
     """The moment in the span: smallest by the line, analysed, and its derivative by the size."""
     worst = design.worst_position(line(tuple(TWO), moments_and_reaction), AXLES, largest=False)

@@ -145,6 +145,7 @@ def test_bad_start():
     assert int(unknown.status) == status.BAD_START
 
 
+@pytest.mark.slow
 def test_many_starts_at_once_and_under_jit():
     starts = jnp.array([[1.0, 2.0], [-1.0, 2.0], [0.1, 0.1]])
     designs = jax.vmap(lambda x: jc.minimize(wall, x, steps=400))(starts)
@@ -254,6 +255,7 @@ def test_no_derivative():
             differentiate()(2.0)
 
 
+@pytest.mark.slow
 def test_losses_are_not_kept_alive():
     def make():
         target = jnp.ones(2)
@@ -293,6 +295,7 @@ def by_hand(pretension, target):
     return (force[0] - float(target)) ** 2 / 1e6
 
 
+@pytest.mark.slow
 def test_pretension_of_a_net_and_one_compilation():
     """The pretension that leads to a tension under load, in closed form, through two phases."""
     run = functools.partial(jc.minimize, tension_missed, steps=100)

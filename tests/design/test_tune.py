@@ -48,6 +48,7 @@ LINE = jc.Structure(
 )
 
 
+@pytest.mark.slow
 def test_fewer_targets_than_unknowns():
     """The shortest way from 40 and 40 kN, and the influence matrix by central differences."""
     found = tune(MAST, STAGES, FORCES, [UPRIGHT], method=TIGHT)
@@ -65,6 +66,7 @@ def test_fewer_targets_than_unknowns():
     np.testing.assert_allclose(found.influence[0], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_contradictions_are_weighed_by_what_targets_allow():
     """The upper bar of a line is shortened by s: its node rises by s / 2, both pull EA s / 4 m."""
     phases = [jc.Phase(shortening=np.array([0.0, 0.0]))]
@@ -94,6 +96,7 @@ def test_contradictions_are_weighed_by_what_targets_allow():
     assert [bool(met) for met in found.met] == [True, False]
 
 
+@pytest.mark.slow
 def test_bounds_are_kept():
     bounds = ([{"mast": None, "stays": np.array([45e3, 30e3])}], None)
     found = tune(MAST, stayed(50e3, 50e3), FORCES, [UPRIGHT, stay(20e3)], bounds)
@@ -104,6 +107,7 @@ def test_bounds_are_kept():
     assert not all(bool(met) for met in found.met)
 
 
+@pytest.mark.slow
 def test_a_search_that_starts_where_cables_are_slack():
     """Both stays have to be taut at last; from 1 N they go slack under the load."""
     start, wanted = stayed(1.0, 1.0), [UPRIGHT, stay(30e3)]
@@ -114,6 +118,7 @@ def test_a_search_that_starts_where_cables_are_slack():
     assert not all(bool(met) for met in alone.met)  # the control: it ends at the kink
 
 
+@pytest.mark.slow
 def test_a_search_that_passes_forces_that_no_cable_has():
     """Bars in place of cables take a force below zero; the cables themselves are asked then."""
     found = tune(MAST, STAGES, FORCES, [stay(-5e3, 0, 1e3), stay(1e3, 0, 1e3)])
@@ -158,6 +163,7 @@ def test_cables_that_are_nearly_slack_are_said():
     assert tune(MAST, STAGES, FORCES, [UPRIGHT, stay(30e3)]).remarks == ()
 
 
+@pytest.mark.slow
 def test_targets_of_several_stages_are_met_exactly():
     """Rods that carry a plate come one after the other, with the forces that share its load alike.
 
@@ -203,6 +209,7 @@ def height(phase):
     return phase.positions[1, 2]
 
 
+@pytest.mark.slow
 def test_the_search_is_that_of_fit():
     """Mapped it is `fit`, one program of everything: the same steps, derivatives and closed form.
 

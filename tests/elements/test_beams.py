@@ -245,6 +245,7 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
 # --- loads, hinges, mixed structures
 
 
+@pytest.mark.slow
 def test_three_hinged_arch():
     n, radius, load = 3, 5.0, 50.0
     angle = np.linspace(np.pi, 0, 2 * n + 1)
@@ -279,6 +280,7 @@ MIXED = jc.Structure(
 )
 
 
+@pytest.mark.slow
 def test_cables_and_beams_share_nodes():
     """Prestressed, and loaded with forces and moments at once.
 
@@ -329,6 +331,7 @@ def test_incremental_scheme_takes_beams():
     assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along, and its joint."""
     joint = {"hinges": np.array([[False, False], [True, False]]), "springs": 1e3}

@@ -97,6 +97,7 @@ def drawn():
     return np.stack(values, 1), force, tension
 
 
+@pytest.mark.slow
 def test_no_draw_fails():
     values, force, tension = drawn()
     assert np.isfinite(force).all() and np.isfinite(tension).all()
@@ -170,6 +171,7 @@ def rated(p, q):
     return total + 0.1 * jnp.log(jnp.abs(force[0, 0]))
 
 
+@pytest.mark.slow_cases("shallow")
 @pytest.mark.parametrize("name", REGIMES)
 def test_taylor_everywhere(name):
     """By span, rise, length, weight and stiffness together; steps relative to the condition."""
@@ -204,6 +206,7 @@ def test_higher_derivatives():
         assert jnp.abs(rate - differences).max() < 1e-5 * jnp.abs(rates).max()
 
 
+@pytest.mark.slow
 def test_without_weight_it_is_a_straight_cable():
     rng = np.random.default_rng(2)
     x, z, length = 3 + rng.random(50), rng.random(50), 3 + rng.random(50)
@@ -244,6 +247,7 @@ def test_single_precision():
     assert error[slack].max() < 1e-4
 
 
+@pytest.mark.slow
 def test_plumb_and_collapsed_cables_have_derivatives():
     """A chord along the load, and none at all: the force of one equation, the stiffness finite."""
 
@@ -264,6 +268,7 @@ def test_plumb_and_collapsed_cables_have_derivatives():
     assert float(rates[0, 0]) == pytest.approx(exact / 10, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_root_outside_of_its_bracket_is_no_number():
     for low, high, expected in ((0.0, 3.0, 2.0), (0.0, 1.0, np.nan), (3.0, 5.0, np.nan)):
         root = bracketed_root(lambda u: u**3 - 8.0, jnp.array(1.5), jnp.array(low), jnp.array(high))
@@ -286,6 +291,7 @@ def chords(count, stiffest):
         yield chord, chord @ chord - rest**2, load, rest, stiffness
 
 
+@pytest.mark.slow
 def test_in_balance_it_is_the_hanging_cable():
     """Force and stiffness are those of `hang`; a tension that is one percent off shows.
 
@@ -329,6 +335,7 @@ def test_in_balance_it_is_the_hanging_cable():
     assert (largest(block - exact) <= 1e-8 * largest(exact)).all()
 
 
+@pytest.mark.slow
 def test_derivatives_by_the_tension():
     """Off balance, too: Taylor's test of the rates that `Under` states."""
     rates = {"force": "force_per_tension", "spare_length": "compliance", "sag": "sag_compliance"}
@@ -351,6 +358,7 @@ def test_derivatives_by_the_tension():
             assert slope(value, tension, [1.01 * stated]) < 1.5  # can fail
 
 
+@pytest.mark.slow_cases("lengths0-1000000.0", "lengths0-10000000000.0")
 @pytest.mark.parametrize("stiffness", [1e6, 1e10, 1e14])
 @pytest.mark.parametrize("lengths", [(10.2, 9.9), (10.002, 9.999)])
 def test_stiff_spans_of_which_one_starts_slack(lengths, stiffness):
@@ -423,6 +431,7 @@ def spans():
     return np.array(found).T
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:elements.weight:jaxcable.InputWarning")  # EA/N = 1e6
 def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     """From level to 79 degrees, from sag/l = 1/400 to 1, from EA/N = 1e6 to 1; in one analysis.
@@ -535,6 +544,7 @@ def test_a_plumb_span_has_no_midspan():
         jc.forms.hanging_chain((0, 0, 0), (0, 0, 1.0), 4, 1.0, 1.0, 1e3)
 
 
+@pytest.mark.slow
 def test_a_chain_hangs_by_its_sag():
     """At midspan, wherever its nodes are; in equilibrium under its own weight, by NumPy."""
     first, second = np.array([1.0, 2.0, 0.0]), np.array([41.0, 32.0, 48.0])

@@ -244,6 +244,7 @@ def test_compliance_is_one_spring_beside_two_linear_laws():
     assert np.allclose(stress[:, 4:], (70e9 * forces / ea)[:, None], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_compliance_is_one_spring_beside_a_law_of_points():
     """Past its corners, in both directions, several bars in one group; the sum by interpolation."""
     strain, stress = np.array(CURVES["symmetric"][0]), np.array(CURVES["symmetric"][1])

@@ -30,6 +30,7 @@ def on_a_line(gap, push, law=False):
     return jc.solve(structure, jc.Phase(loads=load), taylor.TIGHT)
 
 
+@pytest.mark.slow_cases("100.0-0.0")
 @pytest.mark.parametrize("gap", [0.0, 0.002, -0.001])
 @pytest.mark.parametrize("push", [100.0, 600.0, -600.0])
 def test_a_bar_on_a_gap(gap, push):
@@ -49,6 +50,7 @@ def test_a_bar_on_a_gap(gap, push):
     assert int(solution.phases[0].path.n_slack[-1]) == int(pressed == 0)
 
 
+@pytest.mark.slow
 def test_a_bar_of_points_with_a_tiny_slope_is_the_limit():
     """The slope in tension, 1e-6 of that in compression, changes forces by as much."""
     for push in (600.0, -600.0):
@@ -97,6 +99,7 @@ def stack(gaps, load, ground=1e5):
     return jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, -load))))
 
 
+@pytest.mark.slow
 def test_stacked_contacts_close_one_after_the_other():
     """All are open at the start, a mechanism, and all carry the load in the end."""
     for gaps in ([0.0, 0.0, 0.0, 0.0], [0.01, 0.03, 0.002, 0.02], [0.2, 0.0, 0.1, 0.3]):
@@ -116,6 +119,7 @@ def test_loss_of_contact_is_a_mechanism_or_a_loose_node():
     assert int(still.phases[0].path.n_slack[-1]) == 4
 
 
+@pytest.mark.slow
 def test_a_tripod_without_tension():
     """Three props under a node: one leaves it where the load leans over; NumPy says which.
 
@@ -139,6 +143,7 @@ def test_a_tripod_without_tension():
         assert np.abs(np.asarray(solution.tension["guys"]) - np.maximum(force, 0)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_prestress_lock_off_and_heat():
     """Pretension is a compression; a jack holds it; heat closes a gap of 1 mm in part."""
     nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
@@ -162,6 +167,7 @@ def test_prestress_lock_off_and_heat():
     assert np.abs(np.array(force) - expected).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_a_prop_that_yields_is_shorter_afterwards():
     """Crushed by 1 % with a yield strain of 0.2 %, it opens 0.8 % before its old length."""
     law = jc.Polygonal([-0.5, -0.002, 0.0, 0.5], [-200.0, -200.0, 0.0, 5e4], "elastic")
@@ -178,6 +184,7 @@ def test_a_prop_that_yields_is_shorter_afterwards():
     assert np.abs(np.array(forces) - [-200.0, -100.0, 0.0, 0.0, -100.0]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_contact_that_a_phase_adds_has_its_gap_where_its_ends_are_then():
     nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
     elements = {
@@ -285,6 +292,7 @@ def unbalanced_and_wrong(structure, load, solution):
     return np.abs(left[5:]).max() / max(sizes), wrong / max(sizes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seeds", [range(2, 9), pytest.param(range(200), marks=pytest.mark.slow)], ids=["few", "many"]
 )

@@ -162,6 +162,33 @@ CASES = [(name, False) for name in LAWS if name not in ALIKE.values]
 CASES += [ALIKE, *((name, True) for name in JACKED)]
 
 
+@pytest.mark.slow_cases(
+    "bar of points-False",
+    "bar that yields-False",
+    "bar-False",
+    "bar-True",
+    "beam flexible in shear-False",
+    "beam that yields with loads within-False",
+    "beam that yields, flexible in shear-False",
+    "beam with loads within-False",
+    "beam-False",
+    "cable of points-False",
+    "cable that yields-False",
+    "cable with law-False",
+    "cable-False",
+    "compliant cable-False",
+    "compliant law-False",
+    "composite bar-False",
+    "composite beam that yields-False",
+    "composite cable that yields-False",
+    "composite cable-False",
+    "contact that yields-False",
+    "contact-False",
+    "jointed beam-False",
+    "sheared beam that yields with loads within-False",
+    "sheared beam with loads within-False",
+    "sliding cable-True",
+)
 @pytest.mark.parametrize(("name", "held"), CASES)
 def test_energy_residual_and_tangent_belong_together(name, held):
     """The residual is the gradient of the energy, the tangent its symmetric Jacobian."""
@@ -176,6 +203,7 @@ def test_energy_residual_and_tangent_belong_together(name, held):
     assert np.abs(tangent - tangent.T).max() < 1e-13 * size
 
 
+@pytest.mark.slow_cases("bar")
 @pytest.mark.parametrize("name", LINEAR)
 def test_residual_agrees_with_differences_of_an_independent_energy(name):
     """Energy from lengths alone, in NumPy, by central differences."""
@@ -218,6 +246,7 @@ def test_tangent_at_zero_strain_is_that_of_the_taut_side():
     assert np.isnan(one.force(jnp.nan))  # a NaN is not slack
 
 
+@pytest.mark.slow
 def test_scale_of_the_residual_is_end_forces_plus_load():
     made, x = system("bar")
     _, scale = made.residual_and_scale(x)

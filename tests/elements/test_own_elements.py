@@ -46,6 +46,7 @@ def own():
     return mixed(), jc.solve(mixed(), PHASES)
 
 
+@pytest.mark.slow
 def test_own_elements_balance_what_the_cables_leave():
     """Equilibrium written out in NumPy, from lengths alone."""
     solution = own()[1]
@@ -95,6 +96,7 @@ def test_own_elements_in_every_result(tmp_path):
     assert (np.asarray(found.displacement) == np.asarray(solution.displacement)).all()
 
 
+@pytest.mark.slow
 def test_gradient_by_its_stiffness():
     def sag(k):
         return jc.solve(mixed(k), PHASES).displacement[1, 2]
@@ -226,6 +228,7 @@ def exact(thrust):
     return np.array([z.real, z.imag])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [pytest.param(None, marks=pytest.mark.slow), "superlu"])
 def test_a_follower_force_of_an_element(solver):
     """Against its closed form; derivatives forward, backward and by differences agree.
@@ -280,6 +283,7 @@ def loaded(force, factors):
     return [jc.Phase(loads=loads.scaled(f), increments=3) for f in factors]
 
 
+@pytest.mark.slow
 def test_a_law_with_memory_by_itself():
     rng = np.random.default_rng(3)
     strain, p = rng.uniform(-6e-3, 6e-3, 50), rng.uniform(-3e-3, 3e-3, (50, 1))
@@ -292,6 +296,7 @@ def test_a_law_with_memory_by_itself():
     assert np.abs(after - p).max() > 1e-4
 
 
+@pytest.mark.slow
 def test_a_law_with_memory_is_that_of_points_with_elastic_unloading():
     """One part that yields beside an elastic one: the parallel model of the same curve.
 
@@ -313,6 +318,7 @@ def test_a_law_with_memory_is_that_of_points_with_elastic_unloading():
     assert abs(float(own.phases[0].displacement[1, 2])) > 1.2 * elastic  # it has yielded
 
 
+@pytest.mark.slow
 def test_fibres_of_a_law_with_memory():
     section = jc.Section.rectangle(0.05, 0.1, LAW, shape=(1, 6))
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -356,6 +362,7 @@ def test_increments_of_a_law_with_memory_have_derivatives():
     assert (np.asarray(slopes) != 0).all()
 
 
+@pytest.mark.slow
 def test_inner_numbers_without_rotations():
     """Two springs one behind the other between cables, along inclined supports: one spring each."""
     nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, -3.0]])
@@ -384,6 +391,7 @@ def test_inner_numbers_without_rotations():
     assert_allclose(rate, (ends[0] - ends[1]) / 2e-2, rtol=1e-6)  # of order step^2
 
 
+@pytest.mark.slow_cases("newton")
 @pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental()], ids=["newton", "increments"])
 def test_a_memory_of_where_an_element_was(method):
     """A damper beside a spring: ``(k + c) u = load + c u_before`` in every increment."""
@@ -419,6 +427,7 @@ def test_a_memory_of_where_an_element_was(method):
     assert np.abs(first[0] - LOAD / 4 / K[0]).min() > 1e-4  # without damper
 
 
+@pytest.mark.slow
 def test_a_memory_begins_where_an_element_is_added():
     """A damper that a phase adds beside a bar: ``(k + c) u = 2 F + c u_before``."""
     elements = {"bar": jc.Bars([[0, 1]], axial_stiffness=600.0), "damper": Dampers([[0, 1]], 150.0)}
@@ -433,6 +442,7 @@ def test_a_memory_begins_where_an_element_is_added():
     assert_allclose(solution.displacement[1, 0], moved, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_time_reaches_a_law_that_creeps():
     """A strain of 1e-3 for 50 s creeps by E e t / viscosity; in an analysis no time passes yet."""
     law, links = Maxwell(1e9, 1e11), np.array([[0, 1]])

@@ -109,6 +109,7 @@ def stretched(*pretensions, method=None):
     return jnp.stack(sums), solution.status
 
 
+@pytest.mark.slow
 def test_a_pretension_of_two_components():
     """Warp and weft over the width of 1 m are the reactions; stated by group and by element."""
     both = np.array([300.0, 120.0])
@@ -216,6 +217,7 @@ def energy(structure, rest, places):
     return cloth + jnp.sum(0.5 * 1e5 * longer**2 / rest)
 
 
+@pytest.mark.slow
 def test_a_sheet_between_cables_is_in_balance():
     """The load is the slope of an energy written apart; the work of all forces is stored."""
     structure, phases, solution = once()
@@ -235,6 +237,7 @@ def test_a_sheet_between_cables_is_in_balance():
     assert found.relative_imbalance[1] < 0.05  # trapezoidal rule with 3 increments
 
 
+@pytest.mark.slow
 def test_gradient_by_prestrain_and_load():
     def sag(p):
         return hung(0.01 * p[0], p[1])[2].displacement[12, 2]

@@ -47,6 +47,7 @@ def history(mu=MU):
     ]
 
 
+@pytest.mark.slow
 def test_forces_are_those_of_euler_and_of_the_clamp():
     """The forces on the first side follow from those at the end, and all lengths from forces."""
     solution = jc.solve(rope(), history())
@@ -76,6 +77,7 @@ def hung(elements, *phases):
     return jc.solve(structure, list(phases))
 
 
+@pytest.mark.slow
 def test_a_clamped_rope_is_two_cables():
     """The clamp is closed where a rope without friction has come to rest; then the load grows."""
     weight, push = (jc.NodalLoads([1], force) for force in (WEIGHT, PUSH))
@@ -107,6 +109,7 @@ def end(p):
     return solution.displacement[2, 0] + solution.phases[1].reactions[0, 0] / EA
 
 
+@pytest.mark.slow
 def test_gradient_by_a_statement():
     at, value = jnp.ones(()), jax.jit(end)
     gradient = jax.jit(jax.grad(end))(at)
@@ -116,6 +119,7 @@ def test_gradient_by_a_statement():
     assert_allclose(many[1], end(1.0), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_it_keeps_its_contract():
     ropes = Saddles([[0, 1, 2]], EA)
     check(ropes, NODES)
@@ -127,6 +131,7 @@ def test_it_keeps_its_contract():
         check(ropes, NODES, rough, conservative=True)
 
 
+@pytest.mark.slow
 def test_statements_of_two_groups_and_of_some_elements():
     """Groups of one class are evaluated together; each has its own statements, in any phase."""
     structure = rope(one=Saddles([[0, 1, 2]], EA), two=Saddles([[0, 1, 2]], EA), wire=WIRE)
@@ -192,6 +197,7 @@ def test_traced_numbers_keep_their_rules():
     assert codes(jnp.array([MU, -MU])).tolist() == [status.OK, status.INVALID_INPUT]
 
 
+@pytest.mark.slow
 def test_files_and_commands(tmp_path, capsys):
     structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)
     phases = [
@@ -236,6 +242,7 @@ def test_commands_import_own_classes(tmp_path, monkeypatch, capsys):
     assert sys.path == before
 
 
+@pytest.mark.slow
 def test_studies_find_own_statements():
     """The pull at which the anchor feels 600 N: by the friction, mu = log(1000 / 600) / turn."""
     phases = history()[:1]
@@ -252,6 +259,7 @@ def test_studies_find_own_statements():
         jc.influence(rope(), phases, wrt="frictio")
 
 
+@pytest.mark.slow
 def test_a_rope_that_is_added_has_its_statements():
     """Unstressed where it finds its ends, then with friction from the phase that adds it."""
     structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)

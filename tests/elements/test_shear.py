@@ -62,6 +62,7 @@ def test_a_cantilever_of_one_element_under_a_uniform_load():
     assert solution.reaction_moments[0, 1] == pytest.approx(-2 * moment, rel=1e-9)
 
 
+@pytest.mark.slow_cases("clamps0", "clamps1")
 @pytest.mark.parametrize("clamps", [[0, 2], []])
 def test_a_beam_between_two_supports(clamps):
     """Uniform and point load: q L^4/384 EI + q L^2/8 GA clamped, P L^3/48 EI + P L/4 GA hinged."""
@@ -115,6 +116,7 @@ def test_an_axis_off_the_centroid_under_a_load_along_it():
     assert tip[0] == pytest.approx(along, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_frequencies_of_a_beam_with_shear():
     """w^2 = EI k^4 / m / (1 + EI k^2 / GA): Timoshenko's beam without rotary inertia.
 
@@ -168,6 +170,7 @@ def rod_tip(ei, ga, ea, force):
     return end(moment)[:3]
 
 
+@pytest.mark.slow
 def test_a_rod_that_turns_far_converges_with_second_order():
     """Tip of a cantilever that turns by more than 60 degrees; shear angles reach 0.3 rad."""
     ei, ga, ea, force = 1.0, 12.0, 60.0, (-0.5, 4.0)
@@ -190,6 +193,7 @@ def test_a_rod_that_turns_far_converges_with_second_order():
 # --- columns
 
 
+@pytest.mark.slow_cases("0.05", "0.5")
 @pytest.mark.parametrize("ratio", [0.05, 0.5])
 def test_a_column_buckles_at_engessers_load(ratio):
     """P = PE / (1 + PE / GA); Haringx's load would be 10 % larger at PE / GA = 0.5.
@@ -212,6 +216,7 @@ def test_a_column_buckles_at_engessers_load(ratio):
 # --- fibre sections
 
 
+@pytest.mark.slow
 def test_a_fibre_section_within_its_linear_range_is_the_linear_one():
     """Mean shear angles are unknowns of the analysis there, and follow in closed form here."""
     fibres = jc.Section.rectangle(0.1, 0.2, CURVE, (4, 8))
@@ -230,6 +235,7 @@ def test_a_fibre_section_within_its_linear_range_is_the_linear_one():
     assert np.abs(tips[0] - tips[1]).max() < 1e-9 * size
 
 
+@pytest.mark.slow
 def test_a_yielding_cantilever_with_shear():
     """A nonlinear law: curvatures of an independent fibre integration, shear angle V / GA."""
     fibres, n, force, ga = jc.Section.rectangle(0.1, 0.2, CURVE, (2, 8)), 16, 200e3, 2e7
@@ -255,6 +261,7 @@ def test_a_yielding_cantilever_with_shear():
     assert tips[1] - tips[0] == pytest.approx(-force * LENGTH / ga, rel=2 * steepest**2)
 
 
+@pytest.mark.slow_cases("fibres", "numbers")
 @pytest.mark.parametrize("kind", ["numbers", "fibres"])
 def test_gradients_by_shear_stiffnesses(kind):
     """A cantilever that bends far in both planes."""

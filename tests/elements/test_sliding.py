@@ -38,6 +38,7 @@ def test_pulley_has_one_tension():
     assert sines == pytest.approx(8 / length, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_three_pulleys():
     """Free pulleys with P and R on both sides of a fixed one: one tension Q along the whole rope.
 
@@ -64,6 +65,7 @@ def test_three_pulleys():
     assert np.asarray(solution.positions) == pytest.approx(expected, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_closed_loop():
     """A loop round three fixed corners and a node that is pulled out: one tension, equilibrium."""
     nodes = np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 2.0, 0], [1.0, 0.9, 0.5]])
@@ -85,6 +87,7 @@ def test_closed_loop():
     assert np.asarray(solution.reactions.sum(0)) == pytest.approx([-50.0, 0, 0], abs=1e-8)
 
 
+@pytest.mark.slow
 def test_ropes_of_different_lengths_fill_up():
     """A group of a long and a short rope is the same as two groups; of two nodes, as a cable."""
     nodes = np.array([[0.0, 0, 0], [1.0, 0, -1], [2.0, 0, 0], [3.0, 0, -1], [4.0, 0, 0]])
@@ -195,6 +198,7 @@ PARAMETERS = {
 RATED = jax.jit(jax.grad(weighed, has_aux=True))
 
 
+@pytest.mark.slow_cases("force")
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_taylor(name):
     p = PARAMETERS[name]

@@ -29,6 +29,7 @@ def beam(n, span, springs, loads, held=()):
     return structure, jc.solve(structure, jc.Phase(loads=loads))
 
 
+@pytest.mark.slow
 def test_beams_on_an_elastic_foundation_converge_to_winkler():
     """A point load at the middle of a long beam: ``w = P lambda / 2k``, of second order.
 

@@ -63,6 +63,7 @@ def test_steps_do_not_grow_with_the_stiffness_of_a_bar_that_turns(increments):
         assert float(solution.tension[0]) == pytest.approx(force, rel=rounded)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["string", pytest.param("mixed", marks=pytest.mark.slow)])
 def test_a_structure_ends_alone_as_in_a_batch(kind):
     def results(solution):
@@ -77,6 +78,7 @@ def test_a_structure_ends_alone_as_in_a_batch(kind):
         np.testing.assert_allclose(tension[k], own, rtol=0, atol=apart * np.abs(own).max())
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_string_of_stiff_bars():
     """The end of a string under one load lies in its direction: its length grows by P l / EA."""
     rng = np.random.default_rng(5)

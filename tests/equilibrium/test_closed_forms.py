@@ -28,6 +28,7 @@ def solve_two_links(ratio, angle, dtype, method=None):
     return solution, max(abs(moved / w - 1), np.abs(tension / force - 1).max())
 
 
+@pytest.mark.slow_cases("100.0-0.0")
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 @pytest.mark.parametrize("ratio", [1e2, 1e4, 1e6, 1e8])
 def test_two_links_keep_their_digits_at_any_stiffness(ratio, angle):
@@ -62,6 +63,7 @@ def solve_string_in_parts(method, pieces, parts):
     return abs(float((solution.positions[1] - structure.nodes[1]) @ normal) - w) / w
 
 
+@pytest.mark.slow_cases("0-4-2")
 @pytest.mark.parametrize(("corrections", "parts", "order"), [(0, 4, 2), (1, 4, 4), (2, 1, 8)])
 def test_order_of_the_incremental_scheme(corrections, parts, order):
     method = jc.Incremental(corrections, tol=np.inf)
@@ -119,6 +121,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow_cases("cantilever")
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_shape_has_its_known_solution(name):
     shape, force, error = SHAPES[name]

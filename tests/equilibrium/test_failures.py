@@ -77,6 +77,7 @@ def test_cable_net_that_nothing_holds_is_a_mechanism():
     check_failed(jc.solve(structure, jc.Phase(loads=load)), status.MECHANISM, 0, 0)
 
 
+@pytest.mark.slow
 def test_too_few_steps():
     plain = solve_flat_net()
     assert int(plain.status) == status.OK
@@ -144,6 +145,7 @@ def test_a_cable_shortened_by_more_than_its_length():
 # --- loose nodes
 
 
+@pytest.mark.slow
 def test_derivatives_beside_a_node_without_stiffness():
     """Two links in line, and a third node hung on with slack cables: counted, and no failure.
 
@@ -202,6 +204,7 @@ def derivatives_of_cases(stiffness, tensions, loads, counts):
     return jax.jacrev(results, argnums=(0, 1, 2), has_aux=True)(stiffness, tensions, loads)
 
 
+@pytest.mark.slow
 def test_gradients_of_failed_cases_are_nan_and_of_others_right():
     tensions, loads = np.array([200.0, np.nan, 225.0, 250.0]), np.tile(LOAD, (4, 1))
     loads[2, 0] = np.nan  # fails in the second phase, case 1 in the first one
@@ -251,6 +254,7 @@ def test_the_last_state_keeps_its_whole_derivative():
     assert jnp.abs(gradient.elements.axial_stiffness[0]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_the_last_state_has_the_reactions_of_its_own_supports():
     """And an analysis that starts from its failed solution stays failed."""
     mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
@@ -267,6 +271,7 @@ def test_the_last_state_has_the_reactions_of_its_own_supports():
     assert int(again.status) == status.NONFINITE and all_nan(again.displacement)
 
 
+@pytest.mark.slow
 def test_a_singular_matrix_on_the_way_does_not_spoil_the_gradient():
     """An empty phase of two unstressed links in line is singular; what follows is not."""
 
@@ -345,6 +350,7 @@ def test_two_nodes_that_meet_end_as_collapsed():
     assert int(away.status) in (status.MECHANISM, status.NOT_CONVERGED)
 
 
+@pytest.mark.slow
 def test_forces_below_rounding_end_as_at_rounding():
     """A slack chain in float32: its forces are known above EA times the *square* of eps."""
     n = 8

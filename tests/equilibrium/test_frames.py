@@ -57,6 +57,7 @@ def test_a_small_load_in_single_precision_moves_the_beam():
         assert float(deflection) == pytest.approx(-force * 8 / 3 / EI, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_stiff_beam_does_not_hide_a_small_load():
     rigid = jc.Section.rectangle(0.02, 0.05, jc.Elastic(1e18))
     beams = [jc.Beams([[0, 1]], section=SECTION), jc.Beams([[1, 2]], section=rigid)]

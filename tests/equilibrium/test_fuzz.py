@@ -57,6 +57,7 @@ def recipes(shapes):
 ODD = pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers over many decades
 
 
+@pytest.mark.slow
 @ODD
 @settings(100)
 @hypothesis.given(recipes(SHAPES))
@@ -87,6 +88,7 @@ def test_random_nets_of_falling_laws_end_with_a_reason():
     assert ended["OK"] >= 15 and ended["AT_ROUNDING"] <= 1
 
 
+@pytest.mark.slow_cases("nodes nan", "stiffness nan")
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes(name):
     make, pattern = MISTAKES[name]
@@ -100,6 +102,7 @@ def test_mistakes(name):
         assert re.search(pattern, str(error.value)), error.value
 
 
+@pytest.mark.slow
 def test_a_corrupted_solution_is_caught():
     """Control: of a scene that passes, a displacement moved by 1e-4 of itself does not."""
     recipe = Recipe("net", "float64", 7, 4.0, 0.5, -3.0, 0.0, 0.0, 0.0, 0.0, -1.0)

@@ -20,6 +20,15 @@ def _parameters():
 
 
 # that float32 is coarse far from the origin is what some of these cases are about
+@pytest.mark.slow_cases(
+    "cable at the corner of its curve, float64",
+    "flat net without prestress, float32",
+    "flat net without prestress, float64",
+    "slack net drawn down, then up, float64",
+    "truss pushed through, float64",
+    "two links without prestress, float32",
+    "two links without prestress, float64",
+)
 @pytest.mark.filterwarnings("ignore:nodes.* in float32:jaxcable.InputWarning")
 @pytest.mark.parametrize(("case", "dtype"), list(_parameters()))
 def test_hard_case(case, dtype):
@@ -62,6 +71,7 @@ def test_figures_see_a_wrong_result():
         assert (error <= limit) == right
 
 
+@pytest.mark.slow
 def test_a_rope_far_from_the_origin():
     """Tensions at 1e6 m from the origin are those at the origin; there straight cables' are."""
     angle = 2 * np.pi * np.arange(3) / 3

@@ -73,6 +73,7 @@ def test_the_equilibrium_is_that_of_predicted_forces(kind):
     np.testing.assert_allclose(moment, bent, rtol=0, atol=1e-9 * np.abs(bent).max())
 
 
+@pytest.mark.slow
 def test_struts_beside_slack_cables():
     total = np.zeros(2)
     for seed in range(10):
@@ -87,6 +88,7 @@ def test_struts_beside_slack_cables():
     assert total[0] < 0.8 * total[1]
 
 
+@pytest.mark.slow_cases("1.0")
 @pytest.mark.parametrize("wrong", [1.0, 1.01])
 def test_gradients(wrong):
     structure, phase = beside_beams("half", 14, 1e3)

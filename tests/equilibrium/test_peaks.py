@@ -52,6 +52,7 @@ def test_a_mechanism_is_not_said_to_be_beyond_the_peak():
     assert int(solution.status) == status.MECHANISM
 
 
+@pytest.mark.slow
 def test_two_cables_share_what_one_cannot_carry():
     """Beyond the peak of one there is an equilibrium of both: by the sum of two curves."""
     weak = jc.Polygonal([0.0, 0.01, 0.5], [0.0, 1e7, 0.5e7])
@@ -86,6 +87,7 @@ def net(force, law=None):
     return jc.solve(structure, [jc.Phase(prestrain=0.005), jc.Phase(loads=load)])
 
 
+@pytest.mark.slow
 def test_a_net_below_the_peak_is_that_of_a_law_without_softening():
     """The same with a law that ends at the peak, which is convex and has no falling branch."""
 

@@ -9,6 +9,7 @@ import jaxcable as jc
 FLAT = reference("flat_net")
 
 
+@pytest.mark.slow_cases("15.0N")
 @pytest.mark.parametrize("case", FLAT["cases"], ids=lambda c: f"{c['load_per_free_node_N']}N")
 def test_flat_net_matches_the_reference_whatever_the_increments(case):
     load, free = case["load_per_free_node_N"], FLAT["free_nodes"]
@@ -76,6 +77,7 @@ def test_published_columns_are_those_of_the_reference():
     assert {k: list(v) for k, v in PUBLISHED.items()} == ref["published_deflection_mm"]
 
 
+@pytest.mark.slow_cases("5")
 @pytest.mark.parametrize("n_elements", [5, 10])
 def test_accuracy_cable_matches_the_closed_form(n_elements):
     exact = reference("accuracy_cable")["exact_at_14_90_m_mm"]
@@ -90,6 +92,7 @@ def test_accuracy_cable_matches_the_closed_form(n_elements):
     assert np.abs(moved[:, 1]).max() == 0.0  # held out of plane
 
 
+@pytest.mark.slow
 def test_saddle_geometry_and_equilibrium():
     structure, phases = jc.scenes.saddle(4, 3, spacing=2.0, rise=0.15)
     nodes = np.asarray(structure.nodes)

@@ -89,6 +89,7 @@ def test_a_released_structure_keeps_the_rounding_of_its_start():
     np.testing.assert_allclose(rounding, rounding_by_hand(np.array([0.3, 0.15])), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_rounding_of_the_incremental_scheme_is_that_of_its_states():
     """A state has it, whatever led there: 8 eps u with the u of the scheme, which drifts."""
     solution = solve_to_sinks(SINK, jc.Incremental(corrections=1))
@@ -101,6 +102,7 @@ def test_rounding_of_the_incremental_scheme_is_that_of_its_states():
     assert (residual > 1e6 * rounding).all()  # it does not end at rounding
 
 
+@pytest.mark.slow
 def test_rounding_along_a_traced_path():
     structure = two_links()
     balance = jc.NodalLoads([1], (0.0, 0.0, -length_and_load(0.0)[1]))
@@ -160,6 +162,7 @@ SCENES = {
 BY_ROUNDING = ("tripod", "cantilever")  # 1e-10 of their forces is not reached
 
 
+@pytest.mark.slow_cases("cantilever", "catenaries", "net", "tripod")
 @pytest.mark.parametrize("name", SCENES)
 def test_converged_means_below_tolerance_or_rounding(name):
     structure, phases = SCENES[name]()
@@ -192,6 +195,7 @@ def test_rounding_of_a_failed_increment():
 # --- it goes where the residual goes
 
 
+@pytest.mark.slow
 def test_batches_and_their_cases_have_the_rounding():
     steps = np.array([[1e3, 2e3, 3e3], [2e3, 1e3, 4e3]])
     batch = jax.jit(jax.vmap(solve_load_steps))(steps)
@@ -205,6 +209,7 @@ def test_batches_and_their_cases_have_the_rounding():
     np.testing.assert_allclose(second.phases[-1].path.rounding, rounding, rtol=1e-9)
 
 
+@pytest.mark.slow_cases(".npz")
 @pytest.mark.parametrize("suffix", [".npz", ".json"])
 def test_files_have_the_rounding_and_older_ones_are_read(suffix, tmp_path):
     solution = solve_to_sinks(SINK)

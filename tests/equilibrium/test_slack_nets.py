@@ -23,6 +23,7 @@ def test_steps_do_not_grow_with_slack_regions():
     assert steps_of(jc.solve(*scene("half", 40))) <= MAX_STEPS
 
 
+@pytest.mark.slow
 def test_tensions_are_those_of_least_energy():
     """In both precisions, by a cone program in extended precision."""
     structure, phase = scene("half", 12, ratio=1e3)
@@ -52,6 +53,7 @@ def test_steps_are_few_for_any_stiffness_and_pattern(kind, ratio):
     assert steps_of(jc.solve(*scene(kind, 20, ratio))) <= MAX_STEPS
 
 
+@pytest.mark.slow
 def test_slack_nets_in_a_batch():
     structure, phase = scene("half", 6)
 

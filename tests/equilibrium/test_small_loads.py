@@ -59,6 +59,7 @@ def displacements_by_load(kind):
     return jax.jit(jax.vmap(jax.value_and_grad(moved, has_aux=True), in_axes=(0, None)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [jc.Cables, pytest.param(jc.Bars, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("height", [0.0, HEIGHT])
 def test_loads_over_twelve_decades(kind, height):
@@ -77,6 +78,7 @@ def test_loads_over_twelve_decades(kind, height):
     np.testing.assert_allclose(slopes[good][few], (exact[:, 1] / forces[good])[few], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_small_load_in_increments():
     """Each increment keeps what those before have left, so that the sum is as good."""
     structure, prestress = two_links(jc.Cables, 1e7, HEIGHT)
@@ -87,6 +89,7 @@ def test_a_small_load_in_increments():
     assert np.abs(moved[np.array([0, 2])] - exact).max() <= 1e-8 * np.abs(exact).max()
 
 
+@pytest.mark.slow
 def test_a_node_that_goes_slack_is_not_held_by_a_leftover_residual():
     """Nothing balances a leftover at a node whose cables a small load slackens."""
     nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 0, -1.0]]

@@ -41,6 +41,7 @@ METHODS = {
 }
 
 
+@pytest.mark.slow_cases("dense")
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_a_strut_between_springs_buckles_at_the_critical_load(method):
     """Its shortening of 1e-5 moves the load by as much: it is bracketed by 1e-3."""
@@ -51,6 +52,7 @@ def test_a_strut_between_springs_buckles_at_the_critical_load(method):
     np.testing.assert_allclose(above.displacement[1, :2], 0.0, atol=1e-6)  # upright all the same
 
 
+@pytest.mark.slow
 def test_watch_judges_every_increment():
     solution = push_without_warning(10.8, jc.Newton(watch=True), increments=4)
     assert solution.status == 0
@@ -62,6 +64,7 @@ def test_watch_judges_every_increment():
     np.testing.assert_array_equal(plain.displacement, solution.displacement)
 
 
+@pytest.mark.slow
 def test_stability_in_a_batch_and_of_failed_analyses():
     loads = jnp.array([5.0, 11.0, jnp.nan, 9.9])
     solution = jax.vmap(push_strut)(loads)
@@ -83,6 +86,7 @@ def stiffness_of_bars(nodes, moved, links, EA, rest):
     return K
 
 
+@pytest.mark.slow
 def test_random_trusses_against_eigenvalues():
     """Flat ones in their plane, where pressed bars may give way; eigenvalues by NumPy."""
     rng = np.random.default_rng(5)
@@ -115,6 +119,7 @@ def test_random_trusses_against_eigenvalues():
     assert 3 <= (lowest > 0).sum() <= len(good) - 3  # there are some of both
 
 
+@pytest.mark.slow
 def test_a_clamped_column_of_beams():
     """Euler's load of a cantilever, pi^2 EI / (2 L)^2; eight elements miss it by 1e-4."""
     n, length = 8, 10.0
@@ -135,6 +140,7 @@ def test_a_clamped_column_of_beams():
         assert bool(solution.stable) == (factor < 1), factor
 
 
+@pytest.mark.slow
 def test_nets_of_cables_are_stable():
     """Their energy is convex; loose nodes and slack cables are no instability."""
     structure, phases = jc.scenes.flat_net(load=15.0)

@@ -70,6 +70,7 @@ def vee(law):
     return jc.Structure(nodes, cables, jc.Supports(mask))
 
 
+@pytest.mark.slow
 def test_a_net_pulled_past_yield_and_released():
     """A vee of cables that slackens when it is released: longer by the plastic strain."""
     law = jc.materials.strand(1860e6, 195e9)
@@ -94,6 +95,7 @@ def test_a_net_pulled_past_yield_and_released():
     problems.assert_balanced(solution)
 
 
+@pytest.mark.slow_cases("newton")
 @pytest.mark.parametrize("method", [None, jc.Incremental(2)], ids=["newton", "incremental"])
 def test_a_link_loaded_beyond_its_curve_fails(method):
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 2e9, 2.2e9])
@@ -111,6 +113,7 @@ def test_a_link_loaded_beyond_its_curve_fails(method):
         jc.raise_if_failed(solution)
 
 
+@pytest.mark.slow
 def test_plastic_strains_freeze_at_a_failure():
     force = FY * AREA
     solution = jc.solve(one_bar(), phases_to_forces(1.1 * force, 10.1 * force))

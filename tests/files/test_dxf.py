@@ -127,6 +127,9 @@ CURVED = "3DFACE (1), CIRCLE (2), ELLIPSE (1), LWPOLYLINE with arcs (1), POINT (
 CURVED += "POLYLINE fitted by a spline (1), POLYLINE mesh (1), SOLID (1), SPLINE (1), TEXT (1)"
 
 
+@pytest.mark.slow_cases(
+    "references-INSERT (1), entity in paper space (1), external reference (1)-6"
+)
 @pytest.mark.parametrize(
     ("change", "rows", "links"),
     [
@@ -212,6 +215,7 @@ def test_supports_in_some_directions_are_not_taken_for_pins(tmp_path):
     assert not net.fixed.any() and net.marks["supports"].tolist() == [0, 1, 2]
 
 
+@pytest.mark.slow
 def test_others_read_what_is_written(tmp_path):
     """A reader of pairs of lines, written here; and dxfgrabber."""
     structure, phases = jc.scenes.flat_net(load=15.0)

@@ -20,6 +20,7 @@ from jaxcable.files import FileError, codec
 from jaxcable.files.results import flatten_result
 
 
+@pytest.mark.slow_cases("everything")
 @pytest.mark.parametrize("name", SCENES)
 def test_every_scene_comes_back_exactly(name, tmp_path):
     """The numbers that an analysis is a pure function of are the same, bit by bit.
@@ -48,6 +49,7 @@ def test_every_scene_solves_to_the_identical_result(solved, tmp_path):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
 
 
+@pytest.mark.slow
 def test_arrays_of_own_elements_come_back_with_all_rows(tmp_path):
     """Two springs alike: their constructor takes [n_elem, 3] only."""
     springs = GroundSprings([[1], [2]], [[3.0, 2.0, 5.0]] * 2)
@@ -247,6 +249,7 @@ def test_arrays_of_objects_are_never_unpickled(tmp_path):
         jc.files.load_result(data)
 
 
+@pytest.mark.slow
 def test_mutated_archives_are_refused_or_read(solved, tmp_path):
     """A byte changed anywhere: an array that is read, or a FileError, and nothing else."""
     structure, _, solution = solved
@@ -286,6 +289,7 @@ def test_tables_have_units_and_all_digits(solved, tmp_path):
     assert len(increments) == 13 and increments[1][:3] == ["1", "1", "1.0"]
 
 
+@pytest.mark.slow
 def test_batches_other_suffixes_and_names_alike(solved, tmp_path):
     structure, _, solution = solved
     with pytest.raises(ValueError, match=r"ends with .npz, .json or .csv"):

@@ -177,6 +177,7 @@ def test_a_network_cut_off(cut, tmp_path):
     assert net is None and "line 1, column" in told
 
 
+@pytest.mark.slow
 def test_a_network_becomes_a_scene(tmp_path):
     """q1 (x - 0) + q2 (x - 2) = 0, (q1 + q2) z = -1."""
     net, _ = read(network({"q": 2.0}, {"q": 4.0}), tmp_path)
@@ -296,6 +297,7 @@ def quilt():
     return structure, solution, [[0, 1, 2], [0, 2, 3]]
 
 
+@pytest.mark.slow
 def test_a_result_comes_back_exactly(solved, tmp_path):
     structure, solution = solved
     (path,) = save_network(tmp_path / "net.json", structure, solution)

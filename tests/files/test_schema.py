@@ -43,6 +43,7 @@ def test_the_file_is_what_the_classes_say(tmp_path, capsys, monkeypatch):
     assert path.read_text() == SCHEMA.read_text()
 
 
+@pytest.mark.slow
 def test_it_is_a_schema_that_explains_every_field():
     schema = json.loads(SCHEMA.read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
@@ -159,6 +160,7 @@ EXAMPLES = [
 ]
 
 
+@pytest.mark.slow_cases("Section-None-example13")
 @pytest.mark.parametrize(("kind", "field", "example"), EXAMPLES)
 def test_examples_are_valid_and_read(kind, field, example, tmp_path):
     data = fits(copy.deepcopy(example), kind, field)
@@ -166,6 +168,7 @@ def test_examples_are_valid_and_read(kind, field, example, tmp_path):
     assert read_scene(data, tmp_path).structure.n_node > 0
 
 
+@pytest.mark.slow
 def test_the_example_of_a_scene_is_analysed(tmp_path):
     """Two cables in a 3-4-5 triangle carry 500 N each under 600 N."""
     CHECK.validate(SCENE)

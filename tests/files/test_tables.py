@@ -93,6 +93,7 @@ TWO = "v 0 0 0\nv 1 0 0\n"
 CROWD = "".join(f"v {k}e-9 0 0\n" for k in range(900))
 
 
+@pytest.mark.slow_cases("14")
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -175,6 +175,7 @@ def results(solution):
     return [np.asarray(part) for part in parts if part is not None]
 
 
+@pytest.mark.slow_cases("blown-N, mm", "blown-kN, m", "blown-kip, ft, F", "net-N, mm", "net-kN, m")
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("name", FILES)
 def test_a_scene_in_other_units_is_the_same_scene(name, system, solved, tmp_path):
@@ -411,6 +412,7 @@ UNIT = r"(?<![\w/])(?:N|m|mm|kN|MPa|Pa|J|kJ|kN m|N m|N/m|m2)(?![\w/'-])"
 """Units of SI in texts."""
 
 
+@pytest.mark.slow_cases("frame-kN, m", "hung-N, mm", "hung-kN, m", "hung-kgf, cm", "net-kN, m")
 @pytest.mark.parametrize("system", [*SYSTEMS, "lbf, in, F"])
 @pytest.mark.parametrize("name", SCENES)
 def test_reports_have_the_stated_units(name, system, solved):
@@ -487,6 +489,7 @@ def words_of(figure):
     return [text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_text()]
 
 
+@pytest.mark.slow_cases("N, mm", "kgf, cm", "kip, ft, F")
 @pytest.mark.parametrize("system", [*SYSTEMS, "lbf, in"])
 def test_pictures_have_the_stated_units(system, solved):
     structure, _, solution = solved["frame"]

@@ -72,6 +72,7 @@ def test_minimal_net_of_a_saddle_frame():
         assert np.abs(form.positions - other.positions).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_form_is_in_equilibrium_at_once():
     """An analysis that begins with the unstressed lengths of the form; see `test_form_loads`."""
     load = jc.NodalLoads(np.arange(NET.n_node), (5.0, 0.0, -40.0))
@@ -86,6 +87,7 @@ def test_form_is_in_equilibrium_at_once():
     assert np.abs(solution.tension / T - 1).max() < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [False, True])
 def test_sparse_against_dense(lengths):
     structure, _ = jc.scenes.saddle(8, 7, rise=0.3)
@@ -104,6 +106,7 @@ def test_sparse_against_dense(lengths):
 # --- closed forms
 
 
+@pytest.mark.slow
 def test_three_weights():
     """Weber's point by the triangle of forces: angles between the strings from the forces."""
     T = np.array([3.0, 4.0, 4.5])
@@ -159,6 +162,7 @@ def test_triplex_finds_its_twist():
     assert unbalanced(start, form) < 1e-6
 
 
+@pytest.mark.slow
 def test_stress_of_an_area():
     law = jc.Polygonal([0.0, 0.001, 0.02], [0.0, 200e6, 300e6])
     structure = star(TRIANGLE, area=np.array([1e-5, 2e-5, 3e-5]), law=law)
@@ -243,6 +247,7 @@ GIVEN = np.array([0, 7])
 OTHERS = np.setdiff1d(np.arange(12), GIVEN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_taylor(lengths):
     """By tensions or two lengths, loads, and the places of all supports, at once."""
@@ -290,6 +295,7 @@ def _rest_length(stiffness, T, load, which):
     return forms.rest_length[which, 0], forms.status
 
 
+@pytest.mark.slow_cases("tension0-0.0-codes0", "tension1-20.0-codes1")
 @pytest.mark.parametrize(
     ("tension", "load", "codes"),
     [
@@ -328,6 +334,7 @@ def test_nodes_that_have_met_are_named():
         jc.raise_if_failed(form)
 
 
+@pytest.mark.slow
 def test_a_cable_of_given_length_cannot_push():
     """The length of a prop: as a bar it would be found."""
     nodes = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0.0, 0, -1.0], [0.0, 0, 0.5]])

@@ -82,6 +82,7 @@ def test_against_dense_algebra(solver):
         assert (np.asarray(x)[held] == np.asarray(structure.nodes)[held]).all()
 
 
+@pytest.mark.slow
 def test_result_is_in_equilibrium_in_an_analysis():
     """Form, pretension q l and loads: the first residual of `solve` is rounding."""
     structure, _ = jc.scenes.saddle(2, 2)
@@ -161,6 +162,7 @@ def test_taylor():
     assert slope(value, p, wrong) < 1.5
 
 
+@pytest.mark.slow
 def test_sparse_against_dense():
     """A net large enough to be banded by default."""
     structure, _ = jc.scenes.saddle(14, 13)

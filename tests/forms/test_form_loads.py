@@ -77,6 +77,7 @@ def unbalanced(places, tension):
 LEFT = 1e-9 * 4 * 8e3  # N: tol 1e-10 of four forces and some loads
 
 
+@pytest.mark.slow
 def test_a_net_under_all_loads_is_in_balance():
     """Every node by NumPy, of prescribed forces and of densities; an analysis begins there."""
     form = jc.find_form(NET, tension=8e3, loads=acting())

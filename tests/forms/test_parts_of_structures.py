@@ -181,6 +181,7 @@ GUYED = jc.Structure(  # a mast between two guys, its head guided along z
 )
 
 
+@pytest.mark.slow
 def test_an_elastic_mast_under_guys_of_given_force():
     """Its shortening by one equation; both ways to build what was found."""
     T = 20e3
@@ -217,6 +218,7 @@ POST = jc.Structure(  # a cantilever of beams, and a cable to a far anchor
 )
 
 
+@pytest.mark.slow
 def test_a_cantilever_under_a_cable_of_given_force():
     """``w = F h^3 / 3 EI + P a^2 (3 h - a) / 6 EI``, a load P within a beam at the height a.
 
@@ -253,6 +255,7 @@ FACES = jc.net_faces(NET.nodes, NET.elements.links, border="ends")
 BREEZE = jc.WindTable(heights=[0.0, 2.0], pressures=[300.0, 600.0])
 
 
+@pytest.mark.slow
 def test_all_loads_that_an_analysis_takes():
     """An analysis of the form begins in equilibrium, and without the wind it moves."""
     loads = [
@@ -310,6 +313,7 @@ def tent(q, pressure, shift):
     return form.positions[4, 2], form.status
 
 
+@pytest.mark.slow
 def test_inner_pressure_and_a_moved_support():
     """``4 q (z - mean height of corners) = p A / 3`` of the plan; in a batch, with gradients."""
     q, p, shift = jnp.array([[100.0, 150, 90], [30, 20, 10], [0.0, 0, 0.4]])
@@ -331,6 +335,7 @@ CHAIN = jc.Structure(
 )
 
 
+@pytest.mark.slow
 def test_links_of_given_length_under_their_weight():
     """Lengths, node balance by NumPy with the weight of the unstressed lengths, the analysis."""
     length = np.array([0.30, 0.28, 0.27, 0.31])
@@ -371,6 +376,7 @@ def bay(p, lengths=False):
 ONES = jnp.ones(5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [False, True])
 def test_gradient(lengths):
     """Taylor tests by force, density, EA of the mast, load, and force or length of the tie."""
@@ -396,6 +402,7 @@ def test_gradient(lengths):
     assert slope(value, ONES, wrong, size) < 1.5
 
 
+@pytest.mark.slow
 def test_no_form_is_a_status_beside_sound_cases():
     """In a batch: NaN with NaN derivatives; others have theirs, also by numbers that are shared."""
 

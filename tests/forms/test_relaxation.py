@@ -36,6 +36,7 @@ def test_minimal_net_of_a_saddle_frame_as_by_newton():
     assert float(relaxed.relative_residual) <= 1e-10
 
 
+@pytest.mark.slow_cases("0")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_as_by_newton_from_another_start_and_with_loads(seed):
     structure, _ = jc.scenes.saddle(4, 3, rise=0.3)
@@ -61,6 +62,7 @@ def test_two_links_closed_form():
     assert np.abs(form.rest_length - rest).max() == 0
 
 
+@pytest.mark.slow
 def test_elastic_net_as_by_solve():
     """With cables that go slack."""
     structure, (first, _) = jc.scenes.saddle(3, 3, axial_stiffness=1e6, pretension=50.0)

@@ -244,6 +244,7 @@ def there(nodes):
     return jnp.array([0.3, -1.0, 0.5, 0.7]) @ group_tensions(nodes).group_tension
 
 
+@pytest.mark.slow
 def test_derivative_by_the_nodes():
     nodes = jnp.asarray(SIMPLEX.nodes)
     gradient = there(nodes)[1]

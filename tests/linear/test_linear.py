@@ -46,6 +46,7 @@ def matrix(n, symmetric, solver, seed=0, shift=3.0):
     return sparse.add_to_diagonal(shift), dense[:n, :n] + shift * np.eye(n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_assembly_product_and_diagonal(symmetric):
     sparse, dense = matrix(9, symmetric, "superlu")
@@ -80,6 +81,7 @@ def transformed(sparse, b, direction, scales):
     )
 
 
+@pytest.mark.slow_cases("banded", "cholmod", "dense", "numpy", "pardiso", "superlu")
 @pytest.mark.parametrize("solver", EVERY)
 def test_general_solve_and_its_transformations(solver):
     """Value, jvp, vjp, Hessian and batches of x(values, b) against NumPy's solve."""
@@ -99,6 +101,7 @@ def test_general_solve_and_its_transformations(solver):
             assert np.abs(found - true).max() < 1e-11 * np.abs(x).max()
 
 
+@pytest.mark.slow_cases("dense", "rolling", "superlu")
 @pytest.mark.parametrize("solver", EVERY)
 def test_loose_and_singular(solver):
     sparse, dense = matrix(7, True, solver, shift=0.0)
@@ -135,6 +138,7 @@ def springs(solver, stiffness):
     return linear.assemble_matrix([(jnp.asarray(blocks), number)], n, pattern), pattern
 
 
+@pytest.mark.slow_cases("superlu")
 @pytest.mark.parametrize("solver", SPARSE)
 def test_a_stiffness_of_rounding_is_singular_and_a_small_one_is_not(solver):
     """A chain of springs on nothing, and on a spring of 1e-10."""
@@ -144,6 +148,7 @@ def test_a_stiffness_of_rounding_is_singular_and_a_small_one_is_not(solver):
     assert bool(linear.factorize(held).regular)
 
 
+@pytest.mark.slow_cases("banded", "dense", "numpy", "superlu")
 @pytest.mark.parametrize("solver", EVERY)
 def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     first, _ = matrix(12, True, solver, seed=1)
@@ -172,6 +177,7 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     assert not bool(next_(indefinite, b, factored, 1e-8, 0, True)[1])
 
 
+@pytest.mark.slow_cases("superlu")
 @pytest.mark.parametrize("solver", SPARSE)
 def test_pivots_of_few_digits_are_taken_only_where_they_are_asked_for(solver):
     """A chain of springs on one of 16 roundings: its last pivot is below the bound of 20."""
@@ -217,6 +223,7 @@ def test_batches_of_banded_systems(n):
     assert bool(fine) and np.abs(one - x[0]).max() < 1e-15
 
 
+@pytest.mark.slow_cases("banded", "superlu")
 @pytest.mark.parametrize("solver", SPARSE)
 def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(solver):
     own, _ = matrix(12, True, solver, seed=2)
@@ -269,6 +276,7 @@ def test_conjugate_gradients_give_up_where_they_do_not_pay():
     assert host.conjugate_gradients(lambda v: a @ v, lambda r: exact @ r, b, 1e-9, 12) is None
 
 
+@pytest.mark.slow_cases("dense-9")
 @pytest.mark.parametrize(("solver", "n"), [("dense", 9), ("superlu", 9), ("superlu", 60)])
 def test_the_eigenvalue_nearest_to_zero(solver, n):
     sparse, dense = matrix(n, True, solver, shift=-4.0)
@@ -290,6 +298,7 @@ def kept(n):
     ).astype(float)
 
 
+@pytest.mark.slow
 def test_factors_and_analyses_kept_are_bounded():
     jc.forget_programs()
     for n in range(5, 5 + host._MOST_ANALYSES + 3):
@@ -366,6 +375,7 @@ def test_solver_by_size_and_by_name(monkeypatch):
             method(linear_solver="umfpack")
 
 
+@pytest.mark.slow_cases("0.0-dense", "0.0-superlu", "1e-15-dense")
 @pytest.mark.parametrize("solver", ["dense", *SPARSE])
 @pytest.mark.parametrize("softest", [0.0, 1e-15, 1e-6])
 def test_a_bordered_matrix_is_regular_where_its_block_is_singular(solver, softest):

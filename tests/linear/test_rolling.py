@@ -25,6 +25,7 @@ def banded(n, b, definite=True):
     return full, jnp.asarray(band)
 
 
+@pytest.mark.slow_cases("30-29", "40-13", "5-12")
 @pytest.mark.parametrize(("n", "b"), SIZES)
 def test_solutions_and_products(n, b):
     full, band = banded(n, b)

@@ -20,6 +20,7 @@ def assert_same(dense, sparse, size):
         assert jnp.abs(a - b).max() < 1e-6 * scale
 
 
+@pytest.mark.slow_cases("cholmod", "superlu")
 @pytest.mark.parametrize("solver", ["superlu", NUMPY, CHOLMOD, PARDISO])
 def test_a_slack_saddle_in_increments(solver, monkeypatch):
     """Slack cables in every increment; balance checked by lengths alone, in NumPy.

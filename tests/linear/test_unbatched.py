@@ -63,6 +63,7 @@ def transformed(function, count):
     )
 
 
+@pytest.mark.slow_cases("lstsq", "triangular")
 @pytest.mark.parametrize("name", SAME)
 def test_values_and_derivatives_are_those_of_jax(name):
     """In batches, too. Rounding: the matrices' condition is below 1e3, eps times that 2e-13."""
@@ -139,6 +140,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.slow_cases("frame, gradient")
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_call_lapack_for_no_batch(name):
     function, cases = PROGRAMS[name]

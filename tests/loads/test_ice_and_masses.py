@@ -53,6 +53,7 @@ def test_iced_weight_by_hand():
     assert (load[[0, 1, 3]] == 0).all() and (load[:, :2] == 0).all()
 
 
+@pytest.mark.slow
 def test_groups_phases_and_elements_that_come_and_go():
     """Two groups of one kind, evaluated as one; three profiles in phases that others precede."""
     law = jc.WindPowerLaw(20.0, 0.2)
@@ -178,6 +179,7 @@ def sunk(p):
     return jnp.where(solution.status == 0, 1e3 * solution.displacement[4, 2], jnp.nan)
 
 
+@pytest.mark.slow_cases("thickness")
 @pytest.mark.parametrize("name", AT)
 def test_taylor(name):
     at = {key: jnp.array(number) for key, number in AT.items()}

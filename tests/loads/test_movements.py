@@ -38,6 +38,7 @@ def spread(move, more):
     return moved.tension[0] / EA + moved.reactions[2, 2] / EA, solution
 
 
+@pytest.mark.slow
 def test_moved_supports_stretch_the_links():
     """Also in a second phase, which keeps what was moved before."""
     (_, solution), _ = spread(MOVE, 0.5 * MOVE)
@@ -71,6 +72,7 @@ def test_gradient_by_the_movement():
     assert float(gradient[1, 0]) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_traced_movements_of_partly_held_nodes():
     """Which components are zero is not known while tracing; a free one that moves has no state."""
     mask = np.zeros((3, 3), bool)
@@ -119,6 +121,7 @@ def mover(kind):
     return end
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "corrections", "increments"), [("cables", 0, 1), ("cables", 1, 2), ("beams", 0, 1)]
 )

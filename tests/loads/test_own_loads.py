@@ -42,6 +42,7 @@ def mast_with_guys():
 PRESTRESS = jc.Phase(pretension={"mast": None, "guys": 8e3})
 
 
+@pytest.mark.slow
 def test_shear_and_moment_at_the_foot_are_the_integrals():
     solution = jc.solve(mast(), jc.Phase(loads=WIND), jc.Newton(tol=1e-12))
     assert int(solution.status) == 0
@@ -70,6 +71,7 @@ AT = {
 }
 
 
+@pytest.mark.slow
 def test_equilibrium_of_a_guyed_mast():
     (_, solution), _ = THERE(AT)
     assert int(solution.status) == 0
@@ -87,6 +89,7 @@ def test_equilibrium_of_a_guyed_mast():
     assert float(solution.load[:, 0].sum()) > by_hand  # guys are blown as well
 
 
+@pytest.mark.slow_cases("exponent")
 @pytest.mark.parametrize("name", AT)
 def test_taylor(name):
     _, gradient = THERE(AT)
@@ -107,6 +110,7 @@ def test_it_is_scaled_combined_and_mapped_over():
     np.testing.assert_allclose(both.load[1, 2, 2] - both.load[0, 2, 2], -1e3, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_files_and_reports_take_it(tmp_path):
     structure, phases = mast_with_guys(), [PRESTRESS, jc.Phase(loads=WIND)]
     jc.save_scene(tmp_path / "mast.json", (structure, phases))

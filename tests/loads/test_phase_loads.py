@@ -124,6 +124,7 @@ def solved(name):
     return solution
 
 
+@pytest.mark.slow_cases("beams", "catenaries", "freed", "pressure")
 @pytest.mark.parametrize("name", names(CASES))
 def test_loads_of_every_end_are_in_balance_with_reactions(name):
     """Of the whole structure, whatever is inside; and they change from phase to phase."""

@@ -107,6 +107,7 @@ def exact_forces(points, members, exact, start, s):
     raise AssertionError
 
 
+@pytest.mark.slow_cases("0-whole")
 @pytest.mark.parametrize("kind", ["whole", "jointed"])
 @pytest.mark.parametrize("number", range(4))
 def test_one_element_is_exact_in_linear_theory(kind, number):
@@ -141,6 +142,7 @@ def test_one_element_is_exact_in_linear_theory(kind, number):
     assert abs(abs(peak) - np.abs(along).max()) < 2e-8 * 1e-6
 
 
+@pytest.mark.slow
 def test_large_rotations_of_a_cantilever_converge():
     """2, 4 and 8 elements, the load at 0.9 of the length, against 40, which have a node there.
 
@@ -186,6 +188,7 @@ def deflection(p):
     return 1e2 * solution.displacement[1, 2], solution.status
 
 
+@pytest.mark.slow
 def test_derivatives_by_place_force_and_factor():
     p = np.array([0.3, 0.6, 0.2, 0.1, -0.5, 1.0, 0.4])
     value, gradient = jax.value_and_grad(deflection, has_aux=True)(jnp.asarray(p))
@@ -220,6 +223,7 @@ def test_strains_under_a_load_follow_from_the_moments(flexible):
     assert abs(forces[1, 1]) == pytest.approx(1e-6 * LENGTH / 8, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_axle_beyond_the_path_by_rounding_is_on_it():
     """0.3 - (0.1 + 0.2) is -5.6e-17, and a sloping deck of three parts is an ulp too short."""
     ends = np.linspace([0.0, 0.0, 0.0], [40.0, 0.0, 2.0], 4)
@@ -234,6 +238,7 @@ def test_an_axle_beyond_the_path_by_rounding_is_on_it():
         assert float(solution.reactions[:, 2].sum()) == pytest.approx(count, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_patterns_are_numbers_of_a_batch():
     """Factors of elements under `vmap`, and combined cases: as separate analyses."""
     patterns = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
@@ -255,6 +260,7 @@ def test_patterns_are_numbers_of_a_batch():
     assert np.allclose(loads[0].factor, [[1.35, 0.0]]) and np.allclose(loads[1].factor, [[0, 1.5]])
 
 
+@pytest.mark.slow
 def test_forces_of_elements_are_those_of_loads_on_each():
     """One load with a force for each chosen element, per any length, against a load on each."""
     structure = jc.replace(FRAME, elements={"legs": FRAME.elements})
@@ -273,6 +279,7 @@ def test_forces_of_elements_are_those_of_loads_on_each():
         assert np.abs(np.asarray(solution.load) - shares).max() < 1e-12 * 200.0
 
 
+@pytest.mark.slow
 def test_a_crowd_on_parts_of_a_path():
     """A simple beam of three elements, one of them backwards, loaded from 1 m to 7.5 m of 9 m.
 

@@ -206,6 +206,7 @@ def test_face_pressure_is_the_derivative_of_the_volume():
             assert force[node, k] == pytest.approx(2 * rate, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_large_nets_solve_sparse_unsymmetric_systems():
     """The same through SuperLU, with a pattern that the faces have their share in."""
     structure, faces = saddle()

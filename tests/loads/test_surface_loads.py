@@ -82,6 +82,7 @@ def test_a_load_on_a_group_is_that_on_its_faces(by_group, by_faces):
     assert_allclose(found.displacement, expected.displacement, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_combinations_of_loads_on_groups():
     """A batch of factors of a load with a value for each element, against one at a time."""
     structure, first = square(), jc.solve(square(), jc.Phase(prestrain=0.01))
@@ -260,6 +261,7 @@ def sag(absent, numbers):
     return jnp.where(solution.status == status.OK, solution.displacement[12, 2], jnp.nan)
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("absent", [False, True])
 def test_gradients(absent):
     value, at = functools.partial(sag, absent), jnp.ones(HALF + 2)

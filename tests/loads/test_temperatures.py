@@ -39,6 +39,7 @@ def all_kinds():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phases.*supports")  # all nodes are held on purpose
 def test_temperatures_add_in_every_order_for_every_kind():
     """Closed form at every phase; permutations end in the same; back at zero nothing is left."""
@@ -63,6 +64,7 @@ def test_temperatures_add_in_every_order_for_every_kind():
     np.testing.assert_allclose(found[6:, -1], 2e5, atol=32 * 2.3e-16 * EA)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:phases.*supports")  # all nodes are held on purpose
 def test_statements_shortenings_jacks_and_new_elements_between_changes():
     """One bar stated anew, one jacked, one that comes later, one that goes and comes again."""

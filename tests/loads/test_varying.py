@@ -46,6 +46,7 @@ def levels(parameters, factors, count):
     return level, np.diff(level, prepend=0.0)
 
 
+@pytest.mark.slow_cases("frame")
 @pytest.mark.parametrize(
     "make, pull, loads",
     [
@@ -165,6 +166,7 @@ def on_the_way(numbers):
 NUMBERS = np.array([0.5, 0.02, 0.15, 0.06])
 
 
+@pytest.mark.slow
 def test_gradient_on_the_path_of_a_net():
     """By a parameter, by the factor of a load step, by others."""
     value = jax.jit(lambda numbers: on_the_way(numbers)[0])
@@ -270,6 +272,7 @@ def test_work_of_a_load_that_begins_late_and_ends():
     assert np.abs(balance.increments[1]).max() < 1e-6 * work
 
 
+@pytest.mark.slow
 def test_other_methods_and_analyses():
     """The paper's scheme, influence, a path that begins after a load with an amplitude."""
     stiff, points = bar(axial_stiffness=1e6), ([0.0, 0.5, 1.0], [0.2, 1.0, 0.5])

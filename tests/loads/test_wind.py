@@ -65,6 +65,7 @@ def resultant(nodes, links, wind, pressure, amounts, moved=None):
 # --- one member
 
 
+@pytest.mark.slow
 def test_an_inclined_cable_is_pressed_by_the_square_of_the_sine():
     for angle in np.radians([0.0, 15.0, 40.0, 75.0, 90.0]):
         nodes = [[0.0, 0.0, 0.0], [8 * np.cos(angle), 0.0, 8 * np.sin(angle)]]
@@ -77,6 +78,7 @@ def test_an_inclined_cable_is_pressed_by_the_square_of_the_sine():
         np.testing.assert_allclose(load, [0.5 * size * normal] * 2, rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_members_in_all_directions_have_the_resultant_and_the_moment_of_the_integral():
     nodes = RNG.uniform(2.0, 30.0, (6, 3))
     links = np.array(list(itertools.combinations(range(6), 2)))
@@ -171,6 +173,7 @@ def test_en_1991_1_4_is_constant_below_its_lowest_height_and_takes_other_terrain
     assert float(found[4]) == pytest.approx(expected, rel=1e-13)
 
 
+@pytest.mark.slow
 def test_a_power_law_against_its_integral_over_a_mast():
     """Shear and moment at the foot of a mast from the ground up: order 1 + 2 a near z = 0."""
     law, height, a = jc.WindPowerLaw(20.0, 0.16), 60.0, 0.16
@@ -191,6 +194,7 @@ def test_a_power_law_against_its_integral_over_a_mast():
     np.testing.assert_allclose(orders, [1 + 2 * a, 2 + 2 * a], atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_cantilever_under_a_power_law_converges_at_least_at_fourth_order():
     """The top of a clamped mast from 5 to 65 m against the integral of its moments over EI."""
     law, bottom, top = jc.WindPowerLaw(1.0, 0.25), 5.0, 65.0
@@ -241,6 +245,7 @@ def hanging(first, last, load, rest_length, stiffness):
     return found.x * size, path(found.x * size, 0.5 * rest_length)
 
 
+@pytest.mark.slow_cases("0.0")
 @pytest.mark.parametrize("rise", [0.0, 20.0])
 def test_sag_and_swing_of_a_catenary_under_wind_ice_and_weight(rise):
     nodes = np.array([[0.0, 0, 10.0], [100.0, 0, 10.0 + rise]])
@@ -318,6 +323,9 @@ def sway(p):
 SWAY = jax.jit(jax.value_and_grad(sway, has_aux=True))
 
 
+@pytest.mark.slow_cases(
+    "diameter", "direction", "factor", "ground", "nodes", "roughness", "thickness", "velocity"
+)
 @pytest.mark.parametrize("name", AT)
 def test_taylor(name):
     (value, code), gradient = SWAY(AT)
@@ -332,6 +340,7 @@ def test_taylor(name):
     assert abs(slope(measured, AT[name], 1.02 * gradient[name], size) - 1) < 0.2
 
 
+@pytest.mark.slow
 def test_eight_directions_are_one_batch_symmetric_and_equal_to_single_analyses():
     angles = np.radians(45.0 * np.arange(8))
     directions = jnp.stack([jnp.cos(angles), jnp.sin(angles), 0 * angles], axis=1)
@@ -356,6 +365,7 @@ def test_eight_directions_are_one_batch_symmetric_and_equal_to_single_analyses()
     assert np.ptp(guys, axis=1).min() > 500.0
 
 
+@pytest.mark.slow
 def test_reactions_balance_the_integral_of_the_wind_and_the_weights():
     """Sums of forces and moments of the reactions, without a number of the package's loads."""
     solution = analyse(AT)

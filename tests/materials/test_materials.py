@@ -30,6 +30,7 @@ from jaxcable import materials
 # --- reversible curves
 
 
+@pytest.mark.slow_cases("origin inside a segment", "symmetric", "tension-only", "unsymmetric")
 @pytest.mark.parametrize("name", CURVES)
 def test_stress_and_energy_follow_the_curve(name):
     """And the distance from a corner; beyond its ends `extended` goes on with the initial slope."""
@@ -72,6 +73,7 @@ def test_ends_and_corners(name):
     assert (evaluate(law, strain)[4] == 0).all()
 
 
+@pytest.mark.slow_cases("law0", "law1", "law10", "law11", "law12", "law4", "law5", "law6", "law9")
 @pytest.mark.parametrize("law", [*LAWS.values(), *ELASTIC.values(), *CABLES.values()])
 def test_nothing_cancels_near_the_origin(law):
     at = np.array([1e-14, -1e-14])
@@ -90,6 +92,7 @@ def test_nothing_cancels_near_the_origin(law):
         assert apart(back, at) <= 1e-12 * at[0]
 
 
+@pytest.mark.slow_cases("tension-only")
 @pytest.mark.parametrize("name", CURVES)
 def test_strain_at_is_the_inverse(name):
     law = LAWS[name]
@@ -111,6 +114,7 @@ def test_strain_at_is_the_inverse(name):
 STEELS = [materials.steel(unloading=way) for way in ("reversible", "elastic")]
 
 
+@pytest.mark.slow_cases("law7", "law8", "law9")
 @pytest.mark.parametrize("law", [*LAWS.values(), *STEELS, *CABLES.values()])
 def test_the_inverse_at_zero_and_at_the_peak(law):
     """Zero has strain zero and the slope of loading; the peak a strain, however it is rounded."""
@@ -165,6 +169,7 @@ TAYLOR = {
 TARGETS = np.array([0.15, 0.75, 0.97])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TAYLOR)
 def test_taylor_of_the_points(name):
     """Stress, energy and inverse; with elastic unloading after loading to 0.6 of the curve."""
@@ -238,6 +243,7 @@ def test_preset_strand():
     assert np.allclose(got, 1860e6 * np.array([0.0, 0.9, 0.95, 1.0]), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_preset_tension_only():
     brittle = materials.tension_only(E, 400e6)
     assert np.allclose(brittle.capacity, [0.0, 400e6]) and brittle.strain_limits[1] == 2e-3
@@ -283,6 +289,7 @@ def test_parallel_law_is_the_weighted_sum():
     assert law.has_rupture and law.monotone and law.n_memory == 2
 
 
+@pytest.mark.slow
 def test_a_parallel_law_in_series_with_a_spring():
     at, unused, compliance = np.linspace(-0.04, 0.02, 50), np.zeros(2), 3e-12
     pull = evaluate(TRIO, at, unused)[0]
@@ -307,6 +314,7 @@ def test_limits_and_capacity_of_a_parallel_law():
     assert not endless.has_rupture and np.isinf(np.array(endless.capacity)).all()
 
 
+@pytest.mark.slow_cases("virgin")
 @pytest.mark.parametrize("state", ["virgin", "yielded"])
 def test_inverse_of_a_parallel_law(state):
     at = np.random.default_rng(10).uniform(-0.04, 0.02, 200)

@@ -104,6 +104,9 @@ ORACLES = {
 }
 
 
+@pytest.mark.slow_cases(
+    "masing-four points", "rate form-one corner against two", "return mapping-steel"
+)
 @pytest.mark.parametrize(
     ("oracle", "name"), [(o, name) for o, (names, _) in ORACLES.items() for name in names]
 )
@@ -118,6 +121,7 @@ def test_elastic_unloading_over_a_random_path(oracle, name):
     assert apart(stress, expected) <= steps * rounding(law) / 10
 
 
+@pytest.mark.slow_cases("steel without compression", "strand")
 @pytest.mark.parametrize("name", CABLES)
 def test_tension_only_unloading_over_a_random_path(name):
     law = CABLES[name]
@@ -138,6 +142,7 @@ def test_tension_only_unloading_over_a_random_path(name):
 # --- along a path, and at the plastic strains it has left
 
 
+@pytest.mark.slow_cases("four points", "one corner against two", "steel")
 @pytest.mark.parametrize("name", ELASTIC)
 def test_consistency_along_a_path(name):
     """Energy against stress, a settled state against its origin, the inverse and its ends."""
@@ -158,6 +163,7 @@ def test_consistency_along_a_path(name):
         assert apart(back, path) <= 10 * rounding(law) / slopes.min()
 
 
+@pytest.mark.slow_cases("law2", "law3")
 @pytest.mark.parametrize("law", [ELASTIC["steel"], ELASTIC["unsymmetric yield"], *CABLES.values()])
 def test_energy_at_given_plastic_strains_starts_from_zero_and_is_convex(law):
     strain, _ = points_of(law)
@@ -211,6 +217,7 @@ def test_closed_form_path_of_a_strand():
     assert slack.tolist() == [False, True, False, True, False, False]
 
 
+@pytest.mark.slow_cases("four points", "strand")
 @pytest.mark.parametrize("name", CABLES)
 def test_inverse_of_a_strand_that_has_yielded(name):
     """From the strain at which it goes slack; zero stress is reached there."""

@@ -134,6 +134,7 @@ def test_sorts():
     assert Bundles.of(one.motion_rows()[1]).are_groups
 
 
+@pytest.mark.slow
 def test_every_statement_and_load(alone):
     found = assert_as_alone(alone, net(), stages())
     assert float(jnp.max(jnp.abs(found.displacement))) > 0.01
@@ -151,6 +152,7 @@ def test_a_pressure_for_the_elements_of_several_groups(alone):
     assert float(jnp.abs(found.load).max()) > 5.0
 
 
+@pytest.mark.slow
 def test_goes_on(alone):
     """Continued with groups that cannot be evaluated together any more, and the other way round."""
     structure, phases = net(), stages()
@@ -167,6 +169,7 @@ def test_goes_on(alone):
         assert_same(found, expected)
 
 
+@pytest.mark.slow
 def test_laws_of_one_kind(alone):
     """With plastic strains."""
 
@@ -215,6 +218,7 @@ def sections(sort):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sort", ["elastic", "memory"])
 def test_sections_of_one_kind(alone, sort):
     structure = mast(sections(sort))
@@ -228,6 +232,7 @@ def test_sections_of_one_kind(alone, sort):
     assert_as_alone(alone, structure, phases)
 
 
+@pytest.mark.slow
 def test_paths(alone):
     """Events name elements of their own groups."""
     structure = net()
@@ -247,6 +252,7 @@ def test_paths(alone):
     assert_allclose(found.load_factor[-1], expected.load_factor[-1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_gradients(alone):
     """By the stiffness of one group, the prestress of another, the law that a third one has."""
 

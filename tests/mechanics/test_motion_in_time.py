@@ -76,6 +76,7 @@ def string():
     return structure, system, x.at[:, 2].add(1e-5 * np.sin(np.pi * structure.nodes[:, 0] / LENGTH))
 
 
+@pytest.mark.slow
 def test_a_plucked_string(string):
     """Second order in the time step, about the frequency of the chain, near that of the string."""
     _, system, x = string
@@ -98,6 +99,7 @@ def test_a_plucked_string(string):
     assert abs(np.log2(left[1] / left[2]) - 2) < 0.01
 
 
+@pytest.mark.slow_cases("paired0")
 @pytest.mark.parametrize("paired", [(), (True,)])
 def test_a_sparse_tangent_has_places_for_inertia(string, paired):
     """The links of the elements once more, after all that the pattern has places for."""
@@ -164,6 +166,7 @@ def energy(place, velocity, force):
     return 0.5 * MASS * velocity @ velocity + MASS * GRAVITY * place[2] + stored
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_cables_go_slack_and_taut_again(law):
     """A mass thrown up falls into cables, against an adaptive scheme of order 8 (both solvers)."""
@@ -198,6 +201,7 @@ def test_cables_go_slack_and_taut_again(law):
         assert np.abs(np.array(energies) / energies[0] - 1).max() < 0.02
 
 
+@pytest.mark.slow
 def test_short_waves_are_damped():
     """With rho = 0 the motion along a stiff cable dies, and the swing of the mass goes on."""
     system = hung("straight")
@@ -208,6 +212,7 @@ def test_short_waves_are_damped():
     assert energies[-1] < 0.9 * energies[0]
 
 
+@pytest.mark.slow
 def test_a_pendulum_of_one_cable():
     """Let go from the horizontal; errors of second order against an adaptive scheme of order 8."""
     length, weight, stiffness = 2.0, 20.0, 8000.0
@@ -239,6 +244,7 @@ def test_a_pendulum_of_one_cable():
     assert_allclose((4 * places[2] - places[1]) / 3, exact, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_stiff_rope_whips():
     """A slack chain falls; EA is 1e5 times its tensions, and parts of it are slack for long."""
     n, stiffness, weight, radius, count = 10, 1e7, 10.0, 1.2, 100
@@ -387,6 +393,7 @@ def yielded(push, u, h, count):
     return np.array(path)
 
 
+@pytest.mark.slow
 def test_memory_settles_after_every_step(yielding):
     """A bar that yields, beside a damper."""
     system, start = pushed(yielding, PUSH)

@@ -28,6 +28,12 @@ def ids(table):
     return [text.replace("\\", "").lstrip("^")[:50] for text in table]
 
 
+@pytest.mark.slow_cases(
+    ".*the solution is being traced",
+    "breaks: must increase",
+    "fit: a batch of shape (2,)",
+    "masses: expected a scalar or shape (4,), got (7,);",
+)
 @pytest.mark.parametrize(("call", "message"), REFUSED, ids=ids(text for _, text in REFUSED))
 def test_what_is_wrong(call, message):
     with pytest.raises(ValueError, match=message):
@@ -130,6 +136,7 @@ def test_traced_numbers_are_not_looked_at():
         judged(jnp.asarray(1e-6))
 
 
+@pytest.mark.slow
 def test_nan_in_the_points_of_a_law_is_no_error_but_gives_nan():
     """A batch survives it; an analysis turns it into a status."""
     law = jc.Polygonal([0, 1e-3, 2e-3], [0, np.nan, 2e8])
@@ -146,6 +153,15 @@ def fails(outcome):
     return any(np.isnan(leaf).any() for leaf in leaves if leaf.dtype == float)
 
 
+@pytest.mark.slow_cases(
+    ".*pretension[1] = 1000001.0: more than the law ana",
+    "direction: is zero; give the direction of the unit",
+    "first, second: the ends lie above each other forms",
+    "gravity.* = -1.0 stiffness/vibration.py:gravity",
+    "places[0] = 1.5 results/internal_forces.py:places",
+    "q[0] = -1.0 forms/input_checks.py:values_by_group",
+    "tension = -1.0: with this tension in group forms/f",
+)
 @pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers are odd, not physical
 @pytest.mark.parametrize(
     ("message", "function", "good", "bad"),
@@ -188,6 +204,7 @@ def arguments(call, function):
     return [function.name]
 
 
+@pytest.mark.slow
 def test_every_rule_has_a_row():
     made, looks = Counter(), set()
     for path in PACKAGE.rglob("*.py"):

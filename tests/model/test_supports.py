@@ -35,6 +35,7 @@ def truss(turn, hold):
     return jc.Structure(turn.apply(nodes), bars, jc.pinned([0, 1, 2]) + hold)
 
 
+@pytest.mark.slow
 def test_a_roller_on_a_slope_is_one_on_the_level_turned():
     """The same truss, turned by 50 degrees with load and support, moves alike."""
     turn = Rotation.from_rotvec(np.radians(50) * np.array([0.6, 0.0, 0.8]))

@@ -62,6 +62,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.slow_cases("renumbered")
 @pytest.mark.parametrize("name", REFUSED)
 def test_another_topology_is_refused_by_name(first, name):
     make, text = REFUSED[name]
@@ -73,6 +74,7 @@ def test_another_topology_is_refused_by_name(first, name):
         jc.stiffness.tangent_of(other, first)
 
 
+@pytest.mark.slow
 def test_other_numbers_are_not(first):
     """Stiffness, places and weights may change; equilibrium is that of the new numbers."""
     moved = NODES + np.array([[0.0], [1.0], [0.0], [0.0]]) * 1e-3

@@ -70,6 +70,7 @@ def test_sums_and_products_lose_nothing(dtype):
             assert abs(x * y + z - p - q) <= 2 * eps**2 * (abs(x * y) + abs(z))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_scalar_products_roots_and_totals(dtype):
     rng = np.random.default_rng(2)
@@ -129,6 +130,7 @@ def longer(elongation, ends, motion):
     return mpmath.mpf(float(elongation)) + sum(norm)
 
 
+@pytest.mark.slow_cases("float32-5")
 @pytest.mark.parametrize(("dtype", "n_end"), [(np.float64, 2), (np.float64, 5), (np.float32, 5)])
 def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
     given = scenes(dtype, n_end)
@@ -154,6 +156,7 @@ def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
     assert max(short) > 1e3 * eps**2  # the comparison can fail
 
 
+@pytest.mark.slow_cases("4")
 @pytest.mark.parametrize("n_end", [2, 4])
 def test_derivatives_of_elongations(n_end):
     """By elongation, ends and motion, of first and second order, by the orders of remainders."""

@@ -135,6 +135,7 @@ def test_a_ring_under_pressure_buckles_in_two_modes_at_once(per):
 # --- frames
 
 
+@pytest.mark.slow
 def test_toggles_of_any_size_have_the_limit_loads_of_rods():
     """Williams' toggle, and the same shrunk to 2.6 mm: quaternions are no lengths."""
     structure, (phase,) = scenes.toggle_frame(4)

@@ -66,6 +66,7 @@ def snapping(method):
     return ok(jc.trace_path(*truss(USUAL), method))
 
 
+@pytest.mark.slow_cases("superlu")
 def test_the_whole_path_of_the_truss(snapping, method):
     height = 0.1 + np.asarray(snapping.displacement)[:, 1, 2]
     # forces of 1e4 N in the bars are in balance to 1e-10: 1e-6 N of 381
@@ -82,6 +83,7 @@ def test_the_whole_path_of_the_truss(snapping, method):
     assert fallen.events.names == ["limit point"]
 
 
+@pytest.mark.slow_cases("superlu")
 def test_limit_points_of_the_truss(snapping, method):
     events = snapping.events
     assert events.names == ["limit point"] * 2
@@ -100,6 +102,7 @@ def test_limit_points_of_the_truss(snapping, method):
         jc.raise_if_failed(ended)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["dense"], indirect=True)
 def test_picture_of_a_path(snapping, tmp_path):
     figure = jc.plots.path(snapping, 1, axis="-z", path=tmp_path / "path.png", scale=500, unit="N")
@@ -116,6 +119,7 @@ def test_picture_of_a_path(snapping, tmp_path):
         jc.plots.path(snapping, 7)
 
 
+@pytest.mark.slow_cases("superlu")
 def test_a_bifurcation_is_told_from_a_limit_point(method):
     scene = truss(jnp.array([3.0, 1.0, 1.0]), load=1e6)
     path = ok(jc.trace_path(*scene, method))
@@ -140,6 +144,7 @@ def test_a_bifurcation_is_told_from_a_limit_point(method):
     assert float(ended.failure_load) == float(path.failure_load)
 
 
+@pytest.mark.slow
 def test_a_start_that_is_unstable_already(method):
     """Two bars in line, pressed by 1 % of EA, that are pulled along their line."""
     nodes = jnp.array([[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
@@ -181,6 +186,7 @@ def turning_point(feet, apex, ea, load, at, factor):
     return found.x[2]
 
 
+@pytest.mark.slow_cases("dense-2", "superlu-2", "superlu-3", "superlu-8")
 @pytest.mark.parametrize("seed", [2, 3, 8])
 def test_limit_points_of_crooked_trusses(seed, method):
     """Where a K of two unknowns is singular to the last digits its factors are of no use."""
@@ -226,6 +232,7 @@ def test_derivative_of_the_limit_load():
     assert slope(1.01 * np.asarray(gradients[0])) < 1.5  # negative control
 
 
+@pytest.mark.slow
 def test_derivative_of_a_failure_load_that_is_none():
     """Up to a tenth of the limit load nothing happens: NaN, and so are its derivatives."""
     (load, code), gradient = jax.value_and_grad(failure, has_aux=True)(USUAL, 0.05)
@@ -238,6 +245,7 @@ def test_second_derivatives_of_a_limit_load_are_nan():
     assert np.isnan(second).all()  # exact at first order only, and says so
 
 
+@pytest.mark.slow
 def test_snap_back():
     soft = 2e3
     path = ok(jc.trace_path(*von_mises_truss(hanger=soft)))
@@ -249,6 +257,7 @@ def test_snap_back():
     assert np.allclose(500 * path.events.load_factor, [381.0871904181, -381.0871904181], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_says_when_there_is_no_room():
     path = ok(jc.trace_path(*truss(USUAL), steps=10, events=2), status.OUT_OF_POINTS)
     assert len(path.load_factor) == 10
@@ -268,6 +277,7 @@ def test_single_precision():
     assert np.allclose(500 * path.events.load_factor, [381.0872, -381.0872], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_path_that_ends_is_lost():
     """A jack of 200 N and a load pull a node towards an anchor, against 500 N/m of a spring.
 
@@ -289,6 +299,7 @@ def test_a_path_that_ends_is_lost():
 # --- cables
 
 
+@pytest.mark.slow
 def test_slackening_and_tightening_between_two_cables():
     """A node between two plumb cables, one above and one below."""
     nodes = [[0, 0, 1.0], [0, 0, 0], [0, 0, -1.0]]
@@ -364,6 +375,7 @@ def falling(area=1e-4):
     return structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -2e4)))
 
 
+@pytest.mark.slow
 def test_softening_turns_the_path_at_the_peak_of_the_curve():
     """Down the falling branch to its end, where the bar breaks."""
     path = ok(jc.trace_path(*falling()), status.MATERIAL_FAILURE)
@@ -377,6 +389,7 @@ def test_softening_turns_the_path_at_the_peak_of_the_curve():
     assert broken["falling"].tolist() == [[False], [True]] and not np.any(broken["stiff"])
 
 
+@pytest.mark.slow
 def test_a_corner_is_no_smooth_limit_point_beside_a_stiff_bar():
     """There is no null vector: the formula of smooth limit points would be wrong."""
 
@@ -402,6 +415,7 @@ def plastic_hanger(rise):
     return jc.Structure(nodes, bars, jc.Supports(held)), jc.Phase(loads=load)
 
 
+@pytest.mark.slow
 def test_collapse_without_limit_point_ends_with_a_reason():
     """Bars that yield and turn carry ever more, by the sine of their angle, and next to nothing.
 

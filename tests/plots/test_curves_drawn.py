@@ -72,6 +72,7 @@ def hanging(s):
     return np.stack([x, z], axis=-1)
 
 
+@pytest.mark.slow
 def test_a_catenary_is_drawn_as_one(rope):
     """Between nodes where the closed form has them, the line is the closed form."""
     structure, solution = rope
@@ -90,6 +91,7 @@ def test_a_catenary_is_drawn_as_one(rope):
     assert all(len(line) == 2 for line in colored(jc.plots.net(solution).axes[0]))
 
 
+@pytest.mark.slow_cases("1.0")
 @pytest.mark.parametrize("magnify", [1.0, 3.0])
 def test_curves_end_in_the_nodes(rope, magnify):
     """Every point of a cable moves by the factor, as the nodes do."""
@@ -104,6 +106,7 @@ def test_curves_end_in_the_nodes(rope, magnify):
     np.testing.assert_allclose(after, before + magnify * (exact - before), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("magnify", [1.0, 20.0])
 def test_a_cantilever_is_bent(cantilever, magnify):
     """``P x^2 (3 L - x) / 6 EI`` under the first load, from there on magnified."""
@@ -119,6 +122,7 @@ def test_a_cantilever_is_bent(cantilever, magnify):
     assert all(len(line) == 2 for line in colored(jc.plots.net(solution).axes[0]))
 
 
+@pytest.mark.slow
 def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
     for structure, solution in (cantilever, rope):
         stages = jc.plots.sequence(solution, structure=structure).axes
@@ -138,6 +142,7 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
     np.testing.assert_allclose(axis, colored(net[1])[0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_increments_have_curves(cantilever, rope, tmp_path):
     structure, solution = cantilever
     found = [element_curves.SolutionCurves(solution, structure).in_increment(k, 0) for k in (0, 1)]
@@ -155,6 +160,7 @@ def test_increments_have_curves(cantilever, rope, tmp_path):
         assert gif.n_frames == 2
 
 
+@pytest.mark.slow
 def test_magnified_after_another_analysis(cantilever):
     """Two phases, or the second one after an analysis of the first one: one deflected line.
 
@@ -179,6 +185,7 @@ def test_magnified_after_another_analysis(cantilever):
     np.testing.assert_allclose(shots[-1].positions, second.positions, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_cable_that_is_added_hangs_in_all_increments():
     """Its shape is known from the phase that adds it, not from the end of the phase before."""
     nodes = [[0.0, 0, 0], [100.0, 0, 0], [0, 50.0, 0], [100.0, 50.0, 0]]
@@ -198,6 +205,7 @@ def test_a_cable_that_is_added_hangs_in_all_increments():
     np.testing.assert_allclose(middle, -5.0, rtol=1e-3)  # between the ends by unstressed length
 
 
+@pytest.mark.slow
 def test_pressed_curves(cantilever):
     """A strut that bends has a casing along its curve."""
     structure, solution = loaded(cantilever[0], (-1e3, 0.0, -LOAD))
@@ -317,6 +325,7 @@ def test_arrows_keep_off_the_elements():
     assert orders == [(1.5, 1), (6, 3)]  # one under the elements, at 3, the others above
 
 
+@pytest.mark.slow
 def test_reactions_of_rounding_size_have_no_arrows():
     """A ring that is prestressed in itself: 1 kN in its bars, 1e-13 kN at its supports."""
     nodes = np.array([[0.0, 0, 0], [2.0, 0, 0], [0.0, 1e-13, 0]])
@@ -348,6 +357,7 @@ def written(figure):
     return [float(text.get_text()) for text in figure.axes[0].texts]
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_moment_lies_on_the_side_in_tension(cantilever, known):
     """P L at the clamp, where the upper side is in tension; with or without axes."""
@@ -361,6 +371,7 @@ def test_a_moment_lies_on_the_side_in_tension(cantilever, known):
     assert "My positive" in names and "My negative" not in names
 
 
+@pytest.mark.slow
 def test_shear_is_constant_and_named(cantilever):
     structure, solution = cantilever
     figure = jc.plots.diagram(solution, "Vz", structure=structure)
@@ -370,6 +381,7 @@ def test_shear_is_constant_and_named(cantilever):
     assert jc.plots.diagram(solution, "N", structure=structure, view="space").axes[0].name == "3d"
 
 
+@pytest.mark.slow
 def test_a_load_downward_bends_a_span_below():
     """A propped cantilever: 9 q L^2 / 128 in the span, below it; q L^2 / 8 at the clamp, above."""
     beam = jc.Beams([[0, 1]], section=SECTION)
@@ -397,6 +409,7 @@ def test_a_frame_that_bends_about_z_only(cantilever):
     assert np.ptp(part[..., 1]) > 0.1
 
 
+@pytest.mark.slow
 def test_what_is_refused(cantilever):
     structure, solution = cantilever
     failed = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, np.nan))))

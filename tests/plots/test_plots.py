@@ -106,6 +106,16 @@ def legend_texts(figure):
     return [text.get_text() for legend in legends(figure) for text in legend.get_texts()]
 
 
+@pytest.mark.slow_cases(
+    "convergence",
+    "history",
+    "history of a fit",
+    "increments",
+    "increments, failed",
+    "net, plane",
+    "net, utilization",
+    "work_precision",
+)
 @pytest.mark.parametrize("name", PICTURES)
 def test_nothing_is_cut_off_and_something_is_drawn(pictures, name):
     figure = pictures[name]
@@ -121,6 +131,9 @@ def test_nothing_is_cut_off_and_something_is_drawn(pictures, name):
     assert min(sizes) * 3.94 / figure.get_figwidth() > 5.5
 
 
+@pytest.mark.slow_cases(
+    "convergence", "history of a fit", "increments", "increments, failed", "work_precision"
+)
 @pytest.mark.parametrize("name", PICTURES)
 def test_axes_have_units_and_the_legend_is_beside_them(pictures, name):
     figure = pictures[name]
@@ -172,6 +185,7 @@ def test_legend_and_color_bar_of_a_net(pictures, runs):
     assert np.isclose(ends[:, 2].min(), 3 * runs.taut.phases[1].displacement[:, 2].min())
 
 
+@pytest.mark.slow
 def test_slack_cables_are_dashed_and_counted(pictures, runs):
     count = int(np.sum(np.asarray(runs.slack.tension) == 0))
     assert 0 < count < 12
@@ -188,6 +202,7 @@ def test_slack_cables_are_dashed_and_counted(pictures, runs):
     assert dots(pictures["net, slack"]) > 50 > dots(pictures["net"])
 
 
+@pytest.mark.slow
 def test_compression_has_a_casing(runs):
     pressed = jc.replace(runs.taut.last, tension=-runs.taut.tension)
     figure = jc.plots.net(runs.taut, state=pressed, supports=False, loads=False)
@@ -213,6 +228,7 @@ def test_bars_without_force_are_not_slack():
     ]  # not known
 
 
+@pytest.mark.slow
 def test_utilization(pictures, runs):
     """The strength is 600 N: what holds more has a color that is in no part of the scale."""
     used = 100 * np.concatenate([runs.taut.phases[0].tension, runs.taut.tension]) / 600
@@ -247,6 +263,7 @@ def test_a_strength_that_is_reached_is_not_exceeded(runs):
     assert over == matplotlib.colors.to_rgb(style.OVER) != there
 
 
+@pytest.mark.slow
 def test_titles_say_the_phase(runs):
     def titles(solution, **options):
         figure = jc.plots.net(solution, **options)
@@ -462,6 +479,7 @@ def test_moving_pictures(runs, tmp_path):
         assert gif.n_frames == 1
 
 
+@pytest.mark.slow
 def test_files(runs, tmp_path):
     jc.plots.net(runs.taut, tmp_path / "net.pdf")
     assert (tmp_path / "net.pdf").read_bytes().startswith(b"%PDF")
@@ -471,6 +489,7 @@ def test_files(runs, tmp_path):
         jc.plots.animation(runs.taut, tmp_path / "missing" / "net.gif", frames=1, dpi=30)
 
 
+@pytest.mark.slow
 def test_matplotlib_is_left_alone(runs, tmp_path):
     """No setting is changed, no figure is left open, and a notebook gets its picture."""
     before, open_before = dict(matplotlib.rcParams), plt.get_fignums()
@@ -483,6 +502,7 @@ def test_matplotlib_is_left_alone(runs, tmp_path):
         assert {t.get_fontsize() for t in jc.plots.net(runs.taut).findobj(Text)} == {style.SIZE}
 
 
+@pytest.mark.slow
 def test_examples():
     for module in pkgutil.iter_modules(jc.plots.__path__):
         result = doctest.testmod(importlib.import_module(f"jaxcable.plots.{module.name}"))

@@ -37,6 +37,7 @@ def failed(hung):
     return jc.solve(structure, [push, *phases[1:]], jc.Newton(max_steps=1))
 
 
+@pytest.mark.slow
 def test_results_say_what_is_there(hung):
     structure, phases, solution = hung
     names = ("row", "aid")
@@ -60,6 +61,7 @@ def test_a_failed_analysis_does_not_know(failed):
         jc.plots.sequence(failed)
 
 
+@pytest.mark.slow
 def test_a_batch_knows_it_of_every_case(hung):
     structure, _, _ = hung
 

@@ -113,6 +113,7 @@ def test_beams_are_bent_as_their_ends_turn():
     np.testing.assert_allclose(arrays["axes"][0, 0], [[0, 1, 0], [0, 0, 1]], atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [3, 8])
 def test_diagrams_at_the_ends_of_phases(points):
     """Under a load along it: a parabola per phase; and as `section_forces` has them at the end."""
@@ -144,6 +145,7 @@ def test_diagrams_of_beams_that_turn_far():
     assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
 
 
+@pytest.mark.slow
 def test_catenaries_hang_in_every_phase():
     structure, phases, solution = solved(*scenes.suspended_cable())
     _, arrays = shown(solution, structure)
@@ -156,6 +158,7 @@ def test_catenaries_hang_in_every_phase():
         np.testing.assert_allclose(arrays["sag"][k], curve[:, 1:-1] - chord, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_slack_cables_and_struts_differ():
     structure, _, solution = solved(*scenes.geiger_dome())
     _, arrays = shown(solution, structure)

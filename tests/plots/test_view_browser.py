@@ -73,6 +73,7 @@ def choose(page, control, value):
     )
 
 
+@pytest.mark.slow
 def test_an_element_tells_its_numbers(page, net):
     solution = net[0]
     for number in (3, 17):
@@ -86,6 +87,7 @@ def test_an_element_tells_its_numbers(page, net):
         assert found["nodes"] == f"{links[0]}, {links[1]}"
 
 
+@pytest.mark.slow
 def test_a_node_tells_its_numbers(page, net):
     solution = net[0]
     loaded = int(np.abs(np.asarray(solution.load)[:, 2]).argmax())
@@ -119,6 +121,7 @@ def test_the_slider_goes_through_phases(page, net):
     assert values(page)[1]["tension"] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_exaggerated_displacements(page, net):
     solution = net[0]
     free = int(np.abs(np.asarray(solution.phases[1].displacement)[:, 2]).argmax())
@@ -130,6 +133,7 @@ def test_exaggerated_displacements(page, net):
     assert page.evaluate(height) - once == pytest.approx(9 * moved, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_keys(page):
     angle = "view.camera.azimuth"
     before = page.evaluate(angle)
@@ -150,6 +154,7 @@ def test_keys(page):
     assert page.locator("#play").get_attribute("aria-label") == "Play"
 
 
+@pytest.mark.slow
 def test_mouse_turns_moves_and_enlarges(page):
     box = page.locator("#canvas").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -200,6 +205,7 @@ def test_dark_by_preference_and_by_button(chromium, net):
         assert page.faults == []
 
 
+@pytest.mark.slow
 def test_beams_and_all_that_can_be_shown(chromium, tmp_path):
     structure, phases = jc.scenes.guyed_mast()
     solution = jc.solve(structure, phases)
@@ -239,6 +245,7 @@ def test_faces_are_filled_and_picked(chromium, tmp_path):
         assert own.faults == []
 
 
+@pytest.mark.slow
 def test_absent_elements_are_not_drawn_and_not_picked(page):
     """Of all elements but one the page is told that they are absent."""
     before = brightness(page)[1]
@@ -284,6 +291,7 @@ def phone(chromium, path):
 CAMERA = "[view.camera.azimuth, view.camera.elevation, view.camera.span, ...view.camera.target]"
 
 
+@pytest.mark.slow
 def test_a_menu_one_finger_turns_and_a_tap_picks(chromium, net):
     with phone(chromium, net[1]) as (page, touch, (x, y)):
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -309,6 +317,7 @@ def test_a_menu_one_finger_turns_and_a_tap_picks(chromium, net):
         assert values(page)[0] == "Element 3"
 
 
+@pytest.mark.slow
 def test_two_fingers_enlarge_and_move(chromium, net):
     with phone(chromium, net[1]) as (page, touch, (x, y)):
         before = page.evaluate(CAMERA)

@@ -106,6 +106,7 @@ def test_a_notebook_installs_the_package_where_it_is_missing(path, monkeypatch):
     assert called == [([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [p if p.name.startswith("01") else pytest.param(p, marks=pytest.mark.slow) for p in SOURCES],

@@ -68,6 +68,7 @@ def test_secant_form_is_unstable_at_the_full_load(study):
         assert 300 < single < double < 4000
 
 
+@pytest.mark.slow
 def test_flat_net_path(study):
     module = study("flat_net_path")
     for case in module.REFERENCE["cases"]:
@@ -85,6 +86,7 @@ def test_flat_net_path(study):
     assert np.abs(np.asarray(path.tension)[0] - case["tension_N"]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_hypar_net_is_within_its_stated_misfit(study):
     module = study("hypar_net")
     ours, solution = module.deflections(increments=(1, 1))

@@ -51,6 +51,7 @@ def check_arrays(solution):
             array[0] = 1.0
 
 
+@pytest.mark.slow
 def test_blocks_run_and_print_what_the_readme_says(tmp_path, monkeypatch):
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)

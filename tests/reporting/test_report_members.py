@@ -143,6 +143,7 @@ def test_a_cantilever_with_a_load_at_its_tip():
     assert "the largest 2 of 4" in part[first + 2]
 
 
+@pytest.mark.slow
 def test_envelopes_name_the_case_that_governs():
     """1 N/m down and 0.5 N/m up, from a start without load; a third case fails."""
     structure = beam(SIMPLE)
@@ -351,6 +352,7 @@ def mast():
     return structure, phases, solution, told
 
 
+@pytest.mark.slow
 def test_a_mast_by_its_forces_at_many_places(mast):
     structure, _, solution, told = mast
     exact = np.asarray(jc.section_forces(structure, solution, 2001)["mast"])
@@ -385,6 +387,7 @@ def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
     assert len(data["tables"]["My"]["rows"]) == len(structure.elements["mast"].links)
 
 
+@pytest.mark.slow
 def test_reactions_have_the_components_that_supports_hold():
     """A beam on a fork that turns, a roller aslant, and a prop that is taken away."""
     nodes = [[0.0, 0, 0], [3, 0, 0], [6, 0, 0]]
@@ -411,6 +414,7 @@ def test_reactions_have_the_components_that_supports_hold():
     assert "on the structure" in told.tables["reactions"].title
 
 
+@pytest.mark.slow
 def test_springs_and_bearings_are_among_the_reactions():
     """q L / 2 on a bearing at one end; at the other q L / 2 too, and a spring takes the torque.
 
@@ -494,6 +498,7 @@ def statics(loads, q=0.0):
     return s, shear, moment
 
 
+@pytest.mark.slow
 def test_extremes_at_loads_within_an_element():
     """Two forces, a couple and a line load; then the first force is gone: both phases govern.
 
@@ -533,6 +538,7 @@ def test_extremes_at_loads_within_an_element():
     assert [all_["lowest"], all_["highest"]] == pytest.approx([-largest, largest], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_extremes_under_a_train_between_nodes():
     """Two axles on a deck of two elements: the largest moment is under an axle."""
     span, axles, at = 10.0, 50e3, np.array([4.0, 5.5])

@@ -30,6 +30,7 @@ def drawn(figure, axes=0):
     return [float(text.get_text()) for text in figure.axes[axes].texts]
 
 
+@pytest.mark.slow
 def test_a_propped_cantilever_in_each_phase(propped):
     """q L^2/8 at the clamp, 9 q L^2/128 at 3/8 of the span from the prop, 5/8 q L of shear.
 
@@ -90,6 +91,7 @@ def test_polynomials_through_gauss_lobatto_points(count):
     np.testing.assert_allclose(found[:, 1], -slope(x) / length, atol=1e-10 * size)
 
 
+@pytest.mark.slow
 def test_forces_of_a_phase_have_derivatives(propped):
     structure, _ = propped
 
@@ -123,6 +125,7 @@ def test_what_is_refused(propped):
         jc.plots.sequence(solution, structure=structure, diagram="M")
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_diagram_of_each_phase(propped, known):
     structure, solution = propped
@@ -151,6 +154,7 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
     assert figure.legends[0].get_texts()[0].get_text() == "My (N m)"
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
     """Positions, forces and loads of the stayed bridge after two of its stages."""
     structure, phases = scenes.cable_stayed_bridge()

@@ -94,6 +94,7 @@ def test_a_closed_cycle_dissipates_its_loop():
     assert balance.imbalance == pytest.approx(0, abs=1e-9 * area)
 
 
+@pytest.mark.slow
 def test_a_slack_cable_keeps_what_its_parts_store():
     """Yielded, hardening and slackened: parts of 0.9 E and 0.1 E beside each other, in balance."""
     phases = to_and_fro(1e-2, -1e-2, increments=10)
@@ -296,6 +297,7 @@ SCENES = {
 QUICK = ("flat_net", "hypar_net")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in SCENES],
@@ -367,6 +369,7 @@ class TooMuchEnergy(jc.Elastic):
         return 1.005 * super().energy_at(strain, memory)
 
 
+@pytest.mark.slow
 def test_forces_that_are_not_those_of_the_energy_are_seen():
     """An imbalance that does not fall with the increments."""
 
@@ -407,6 +410,7 @@ def test_of_an_analysis_that_was_started_from_another(net):
     assert told.tables["energy"].rows[0][1] == balance.dead[0]
 
 
+@pytest.mark.slow
 def test_of_an_analysis_that_failed():
     """Increments up to the failure count, and a phase that was not reached does nothing.
 

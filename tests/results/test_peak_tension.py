@@ -68,6 +68,7 @@ def by_quadrature(length, stiffness, weight):
     return np.hypot(h, v), np.hypot(h, v + weight * length)
 
 
+@pytest.mark.slow
 def test_a_guy_of_300_metres(hung):
     """The top has 0.29 of its strength where the mean of both ends says 0.22."""
     structure, solution = hung
@@ -119,6 +120,7 @@ def test_who_has_one_force_shares_it(hung):
     assert int(without.status) == 0 and without.peak_tension is without.tension
 
 
+@pytest.mark.slow
 def test_failures_have_none():
     phases = [
         jc.Phase(sag=40.0, loads=jc.SelfWeight()),

@@ -89,6 +89,7 @@ def test_an_analysis_its_phases_and_a_batch():
     assert results.node_tilts(FRAME, batch).tilt.shape == (2, 3)
 
 
+@pytest.mark.slow
 def test_derivatives_of_tilt_and_twist():
     def value(p):
         force = jnp.stack([0.0 * p[0], 0.0 * p[0], p[0]])

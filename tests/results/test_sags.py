@@ -52,6 +52,7 @@ def oracle(phase, k):
     return HangingCable(*ENDS[k], LENGTH[k], EA, load, 1.01 * pull)
 
 
+@pytest.mark.slow_cases("1")
 @pytest.mark.parametrize("phase", [0, 1])
 def test_sags_are_those_of_the_integrated_cable(phase):
     """Level and inclined to h/l = 1, taut and slack, in the middle phase and in the wind."""
@@ -107,6 +108,7 @@ def test_end_tensions_of_a_middle_phase_are_those_of_an_analysis_that_ends_there
             np.testing.assert_allclose(found[k], oracle(phase, k).ends, rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_batches_and_vmap_give_the_cases():
     structure = spans()
 
@@ -230,6 +232,7 @@ def test_a_cross_arm_at_the_end_of_a_profile_counts_as_a_whole():
         assert float(found.least) == pytest.approx(2.0, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_clearances_against_sampled_points():
     """Of 40 000 points the nearest is at most 5 mm from the true one: 1e-8 m of the distance.
 
@@ -255,6 +258,7 @@ def test_clearances_against_sampled_points():
     assert only.distance["cables"] is None and int(only.group) == 0
 
 
+@pytest.mark.slow
 def test_derivatives_of_sags_and_clearances():
     """Taylor tests by the force in the chain, with a corrupted gradient as a control."""
     force = np.array([300.0, 200.0, -2e3])

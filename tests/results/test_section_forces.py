@@ -96,6 +96,7 @@ def linear_frame():
     return firsts, forces, peaks, np.stack([exact.internal(k, PLACES) for k in range(len(links))])
 
 
+@pytest.mark.slow_cases("cantilever-1", "cantilever-2")
 @pytest.mark.parametrize(("name", "n"), CASES)
 def test_forces_along_a_beam_in_linear_theory(name, n):
     firsts, forces, peaks, exact = linear_frame()
@@ -107,6 +108,7 @@ def test_forces_along_a_beam_in_linear_theory(name, n):
         assert np.abs(peaks[own] - exact[own, 0, 0]).max() < 1e-9 * size * 6.0
 
 
+@pytest.mark.slow
 def test_the_root_of_a_cantilever_in_one_element():
     """6 m under 1 kN/m: 18 kN m at the root, 0 at the tip, and the stress of its fibres."""
     section = jc.Section.rectangle(0.1, 0.2, LAW, (1, 20))
@@ -127,6 +129,7 @@ def test_the_root_of_a_cantilever_in_one_element():
     assert np.abs(apart).max() < 1e-7 * 1.8 / inertia
 
 
+@pytest.mark.slow
 def test_a_column_of_an_unsymmetric_section_under_force_and_moment():
     """An angle whose axis is at a corner: N, My and Mz couple, and the strains say what they do."""
     corners = [[0, 0], [0.1, 0], [0.1, 0.01], [0.01, 0.01], [0.01, 0.15], [0, 0.15]]
@@ -154,6 +157,7 @@ def test_a_column_of_an_unsymmetric_section_under_force_and_moment():
 # --- neutral axes off the axis of the nodes
 
 
+@pytest.mark.slow
 def test_a_cantilever_with_its_axis_at_the_edge():
     """Before there was a linear axial strain: 0.81, 0.95, 0.99 of it with 1, 2, 4 elements."""
     b, h, E, length = 0.1, 0.2, 30e9, 2.0

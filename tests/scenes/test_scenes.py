@@ -34,6 +34,7 @@ def assert_fibres_sum_to_section_forces(structure, solution, name, share):
     assert (apart[:2] < np.array([1e-3, share]) * size[:2]).all() and apart[2] < 1e-6 * size[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [0, 5])
 def test_suspended_cable_hangs_by_its_sag(n):
     """9 m below the middle of its chord, which is 6 m above the first end; deeper with ice.
@@ -58,6 +59,7 @@ def test_suspended_cable_hangs_by_its_sag(n):
             assert float(said[0]) == pytest.approx(found, abs=3e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [0, pytest.param(8, marks=pytest.mark.slow)])
 def test_isolated_cable(n):
     """By catenaries as published; 8 straight elements a span are 6 cm off the 5.7 m."""
@@ -68,6 +70,7 @@ def test_isolated_cable(n):
     assert off == pytest.approx(0.06, abs=0.01) if n else off < 1e-8
 
 
+@pytest.mark.slow
 def test_tent_edge():
     """The given geometry is in equilibrium; in gusts the pylons still push and the guys pull."""
     n = 6

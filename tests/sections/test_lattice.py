@@ -118,6 +118,7 @@ def test_shear_of_a_stocky_mast(sides, pattern):
     assert fifth - first == pytest.approx(4 * PANEL / section.GAy, rel=0.02)
 
 
+@pytest.mark.slow
 def test_beams_of_a_lattice_section_and_bars_of_a_mast():
     """The same by `solve`: wind at all levels, and the bars one by one."""
     sides, panels, force = 4, 24, 200.0

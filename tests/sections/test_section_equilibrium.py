@@ -57,6 +57,7 @@ def solved(name):
     return strains, target, surface, np.stack(state.strain, axis=1), state
 
 
+@pytest.mark.slow_cases("concrete-filled tube", "steel rectangle")
 @pytest.mark.parametrize("name", SECTIONS)
 def test_equilibrium_of_random_forces(name):
     section = SECTIONS[name]

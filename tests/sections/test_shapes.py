@@ -162,6 +162,7 @@ def test_a_box_of_one_thickness():
 CORNERS = np.array([[0, 0], [2, 0], [2, 1], [0, 1.0]])
 
 
+@pytest.mark.slow_cases("cells0", "cells2", "cells3")
 @pytest.mark.parametrize(
     "cells", [[[0, 1, 2, 3]], [[0, 3, 2, 1]], [[0, 1, 2], [0, 3, 2]], [[0, 1, 2, 2], [3, 2, 0, 0]]]
 )
@@ -249,6 +250,7 @@ def test_four_plates_have_no_torsion_constant_of_their_own():
     assert np.allclose(stated.inertia(), [second, second, 0], rtol=EXACT, atol=EXACT * second)
 
 
+@pytest.mark.slow
 def test_bredt_of_a_ring_and_of_walls_of_two_thicknesses():
     """A polygon of n sides about a thin ring: 2 pi r^3 t; a box: 2 b^2 h^2 / (b / t + h / s)."""
     n, r, t = 2000, 0.3, 0.004

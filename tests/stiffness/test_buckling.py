@@ -49,6 +49,7 @@ def pressed(load, reference=None):
     return solution
 
 
+@pytest.mark.slow
 def test_a_strut_between_cables():
     for load in (10.0, 2e3, 7.9e3):
         found = buckling_factor(STRUT, pressed(load), prestressed(), n=2)
@@ -282,6 +283,7 @@ def textbook(n, kind):
     return 1 / scipy.linalg.eigh(G[at], K[at], eigvals_only=True)[::-1] / EULER[kind]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "kind"),
     [(2, "free"), (2, "pinned"), pytest.param(8, "pinned", marks=pytest.mark.slow)],
@@ -351,6 +353,7 @@ def factors_of_determinant(structure, before, after):
     return np.sort(-1 / real[real < -1e-3 * np.abs(kappa).max()]), apart
 
 
+@pytest.mark.slow
 def test_a_strip_in_forks_buckles_sideways_under_end_moments():
     """``M = pi / L sqrt(EI GJ)`` (Timoshenko and Gere); forks make all kinds of moments agree."""
     section = jc.Section.rectangle(*STRIP, jc.Elastic(210e9))

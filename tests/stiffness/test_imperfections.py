@@ -75,6 +75,7 @@ def test_an_imperfection_grows_as_the_buckling_load_says():
         assert np.abs(np.delete(found.shapes, 1, axis=1)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_derivative_by_the_amplitude():
     """A Taylor test, and the closed form at no amplitude."""
 

@@ -141,6 +141,7 @@ def test_one_beam_swings_as_its_cubic():
     assert cantilever(jc.Elastic(210e9)) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_mass_on_a_rigid_arm_swings():
     """A beam of 2 m with 1 kg on its end and 10 kg on an arm of 3 m: two modes in each plane.
 
@@ -250,6 +251,7 @@ def test_order_of_the_masses_of_beams():
     assert abs(lumped - 2) < 0.2 and few[-1] < -5e-3
 
 
+@pytest.mark.slow
 def test_modes_within_catenaries_are_not_passed_over_in_silence():
     """A mast on a ball joint between catenaries in its plane, its top held across."""
     nodes = [[0.0, 0, 0], [0.0, 0, 10], [-20.0, 0, 0], [20.0, 0, 0]]
@@ -335,6 +337,7 @@ def test_wrong_arguments(call, message):
         call(structure, solution)
 
 
+@pytest.mark.slow
 def test_a_sparse_mass_matrix_is_the_dense_one():
     """On the pattern of the stiffness, with a group without weight and pressure that follows."""
     nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.3, 2.0], [2.0, 0.0, 0.0], [-2.0, 1.0, 0.0]]

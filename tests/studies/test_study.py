@@ -44,6 +44,7 @@ def refused(message, function, *arguments, **options):
 # --- cases and results
 
 
+@pytest.mark.slow
 def test_results_are_those_of_a_batch(tmp_path):
     study = jc.study(analyse, FORCES, tmp_path / "a", chunk=5)
     found = study.load()
@@ -55,6 +56,7 @@ def test_results_are_those_of_a_batch(tmp_path):
     assert list(study.load("status")) == ["status"]
 
 
+@pytest.mark.slow_cases("1", "4")
 @pytest.mark.parametrize("chunk", [1, 4, 7, 1000])
 def test_every_combination_is_where_its_coordinates_say(tmp_path, chunk):
     values = {"a": [1.0, 2.0, 5.0], "b": [[0.0, 1.0], [2.0, 3.0]], "c": np.arange(5)}
@@ -78,6 +80,7 @@ def test_chunks_are_all_cases_once(shape, chunk):
     assert max(map(len, numbers)) == grid.chunk_size <= chunk
 
 
+@pytest.mark.slow
 def test_a_store_says_what_it_holds(tmp_path):
     cases = jc.studies.table(
         {"T": [100.0, 200.0, 300.0], "F": FORCES[:3]}, dim="action", labels=["snow", "wind", "ice"]
@@ -185,6 +188,7 @@ def test_samples_are_drawn_by_their_numbers(tmp_path):
     assert max(map(len, drawn)) == 20  # never all at once
 
 
+@pytest.mark.slow
 def test_gradients_and_jacobians(tmp_path):
     def deflection(pretension, force):
         load = jc.Phase(loads=jc.NodalLoads([3], jnp.array([0.0, 0.0, -1.0]) * force))
@@ -212,6 +216,7 @@ def test_gradients_and_jacobians(tmp_path):
 # --- failed cases
 
 
+@pytest.mark.slow
 def test_failed_cases_keep_status_and_cause(tmp_path):
     law = jc.Polygonal([0.0, 0.01], [0.0, 1600e6])  # breaks at its end
     cables = jc.Cables(STRUCTURE.elements.links, law=law, area=0.6e-6)
@@ -314,6 +319,7 @@ SCRIPT = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="signals of POSIX")
 @pytest.mark.parametrize(
     ("action", "returned", "said", "n_missing"),
@@ -443,6 +449,7 @@ def test_a_store_is_read_without_this_package(tmp_path):
     assert done.stdout.split() == ["6.0", "m", "2"], done.stderr
 
 
+@pytest.mark.slow
 def test_a_study_needs_no_dask(tmp_path):
     code = """
         import sys

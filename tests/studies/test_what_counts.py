@@ -93,11 +93,13 @@ def refused(part, function, cases, path, **options):
     assert str(found.value).count(", not ") >= 1  # both digests
 
 
+@pytest.mark.slow_cases("increments", "law", "stiffness", "supports")
 @pytest.mark.parametrize("changed", OTHER_MODELS.values(), ids=OTHER_MODELS)
 def test_another_model_is_refused(store, changed):
     refused("function", make(**changed), FORCES, store)
 
 
+@pytest.mark.slow
 def test_functions_on_the_host_count_by_what_they_capture(tmp_path):
     jc.study(make(on_host=host_function(2.0)), FORCES, tmp_path / "a")
     refused("function", make(on_host=host_function(3.0)), FORCES, tmp_path / "a", chunk=1000)
