@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import linear
@@ -23,7 +24,7 @@ TOP = [2, 3, 4]
 BUCKLING = 210e9 * 0.1 * 0.05**3 / 12 * (np.pi / 4) ** 2
 
 
-@jax.jit
+@traced
 def analyse(force, moment):
     """Displacements, status, steps and stability of the frame under loads on its top."""
     loads = jc.NodalLoads(TOP, force, moments=moment)
@@ -48,7 +49,7 @@ def test_a_frame_ends_in_a_batch_as_alone(nested):
     force, moment = mixed_cases()
     if nested:  # a batch of batches: the last case twice
         two = [jnp.concatenate([a, a[-1:]]).reshape(2, 4, 3, 3) for a in (force, moment)]
-        found = jax.jit(jax.vmap(jax.vmap(analyse)))(*two)
+        found = traced(jax.vmap(jax.vmap(analyse)))(*two)
         found = [np.asarray(a).reshape(8, *a.shape[2:])[:7] for a in found]
     else:
         found = [np.asarray(a) for a in jc.batched(analyse, 4)(force, moment)]
@@ -73,7 +74,7 @@ def test_gradients_of_a_batch_are_those_of_its_cases():
     def sway(force, moment):
         return jnp.sum(analyse(force, moment)[0][3])
 
-    slope = jax.jit(jax.grad(sway, argnums=(0, 1)))
+    slope = traced(jax.grad(sway, argnums=(0, 1)))
     found = jc.batched(slope, 3)(force, moment)
     for k in range(5):
         for own, single in zip(found, slope(force[k], moment[k]), strict=True):

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.scenes.nets import orthogonal_grid
@@ -123,7 +124,7 @@ def analyse(p):
     return jc.solve(structure, [prestress, loading], TIGHT)
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, has_aux=True)
 def net_with_everything(p):
     """A number that sees displacements, tensions, reactions and unstressed lengths."""
@@ -163,7 +164,7 @@ MAST_PARAMETERS = {
 }
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, has_aux=True)
 def mast(p):
     """Phase 2 releases a prop at the top and makes a hinge about y of the clamped foot."""
@@ -263,7 +264,7 @@ def derivatives(name):
         (value, status), gradient = jax.value_and_grad(measure, has_aux=True)(p)
         return (value, gradient), status
 
-    @jax.jit
+    @traced
     def all_of_them(p, direction):
         (value, gradient), (rate, product), status = jax.jvp(both, (p,), (direction,), has_aux=True)
         return (value, gradient), rate, product, status
@@ -333,7 +334,7 @@ def test_second_derivatives_after_an_unstressed_phase():
         gradient, status = jax.grad(sag, has_aux=True)(p)
         return gradient, (gradient, status)
 
-    both, at, h = jax.jit(jax.jacfwd(rates, has_aux=True)), jnp.ones(2), 1e-4
+    both, at, h = traced(jax.jacfwd(rates, has_aux=True)), jnp.ones(2), 1e-4
     hessian, (_, status) = both(at)
     assert int(status) == 0
     pairs = [[both(at + sign * h * step)[1][0] for sign in (1, -1)] for step in np.eye(2)]
@@ -352,7 +353,7 @@ def test_no_derivative_between_taut_and_slack():
     across = jc.Cables([[1, 3], [1, 4]], axial_stiffness=1e4)
     structure = jc.Structure(nodes, [along, across], jc.pinned([0, 2, 3, 4]))
 
-    @jax.jit
+    @traced
     @functools.partial(jax.value_and_grad, has_aux=True)
     def pushed(load, strain):
         loads = jc.NodalLoads([1], load * jnp.array([1.0, 0.0, 0.0]))

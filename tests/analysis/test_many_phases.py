@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -24,7 +25,7 @@ def lines(phases):
     def deflection(nodes):
         return jc.solve(jc.replace(STRUCTURE, nodes=nodes), phases).displacement[3, 2]
 
-    function = jax.jit(jax.value_and_grad(deflection))
+    function = traced(jax.value_and_grad(deflection))
     return function.lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
 
 
@@ -94,7 +95,7 @@ def test_loads_of_later_phases_are_not_known_before():
     """A NaN in the third phase: the second stands, and so do its derivatives."""
     line = jc.LineLoads((0.0, 0.0, -3.0))
 
-    @jax.jit
+    @traced
     @functools.partial(jax.value_and_grad, has_aux=True)
     def analyse(factor, forces):
         bad = jc.LineLoads(forces)
@@ -129,12 +130,12 @@ def test_results_of_phases_are_a_sequence():
         phases = [PRESTRESS, jc.Phase(loads=push(factor), increments=3)]
         return jc.solve(STRUCTURE, phases)
 
-    @jax.jit
+    @traced
     def whole_and_half_way(factor):
         solution = load(factor)
         return solution, solution.phases[1].path.displacement[-1, 3, 2]
 
-    batch = jax.jit(jax.vmap(load))(jnp.array([5.0, 10.0]))
+    batch = traced(jax.vmap(load))(jnp.array([5.0, 10.0]))
     alone, inside = whole_and_half_way(10.0)
     own = batch.phases[1]
     assert own.displacement.shape == (2, 12, 3) and own.path.tension.shape == (2, 3, 12)
@@ -178,7 +179,7 @@ def test_second_derivatives_within_increments():
         return rate, (rate, code)
 
     at, h = jnp.array([1.5, 1.0]), 1e-4
-    both = jax.jit(jax.jacfwd(gradient, has_aux=True))
+    both = traced(jax.jacfwd(gradient, has_aux=True))
     hessian, (_, code) = both(at)
     assert int(code) == 0
     differences = [(both(at + h * e)[1][0] - both(at - h * e)[1][0]) / (2 * h) for e in np.eye(2)]
@@ -206,12 +207,12 @@ def test_paths_of_phases_of_unlike_length_have_derivatives(method):
         return measure, solution.status
 
     at, h = 1.5, 1e-4
-    there = jax.jit(jax.value_and_grad(half_way, has_aux=True))
+    there = traced(jax.value_and_grad(half_way, has_aux=True))
     ((above, code), _), ((below, _), _), (_, rate) = (there(at + k * h) for k in (1, -1, 0))
     assert int(code) == 0
     difference = float(above - below) / (2 * h)
     assert abs(difference) > 1e-3
-    for found in (rate, jax.jit(jax.jacfwd(lambda p: half_way(p)[0]))(at)):
+    for found in (rate, traced(jax.jacfwd(lambda p: half_way(p)[0]))(at)):
         assert float(found) == pytest.approx(difference, rel=1e-6)
     if isinstance(method, jc.Newton):  # not without being asked for; of the scheme they always are
         assert np.isnan(jax.grad(lambda p: half_way(p, False)[0])(at))

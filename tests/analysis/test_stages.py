@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings
 from numpy.polynomial.legendre import leggauss
+from oracles.traced import traced
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -209,7 +210,7 @@ def test_the_order_has_no_influence_where_nothing_is_locked_in():
         return solution.status, solution.tension, solution.displacement
 
     orders = np.array(list(itertools.permutations(range(4))))
-    codes, tensions, moved = jax.jit(jax.vmap(end))(jnp.asarray(orders))
+    codes, tensions, moved = traced(jax.vmap(end))(jnp.asarray(orders))
     assert codes.shape == (24,) and not codes.any()
     at_once = solved(structure, jc.Phase(loads=PUSH), TIGHT)
     assert float(at_once.tension.min()) > 100
@@ -507,7 +508,7 @@ def test_traced_masks_that_contradict_themselves_fail():
         return [phase.status for phase in jc.solve(structure, stages).phases]
 
     last, other = np.eye(4, dtype=bool)[3], np.eye(4, dtype=bool)[2]
-    good = jax.jit(codes)([last, other])
-    twice = jax.jit(codes)([last, last])
+    good = traced(codes)([last, other])
+    twice = traced(codes)([last, last])
     assert [int(code) for code in good] == [0, 0, 0]
     assert [int(code) for code in twice] == [0, 0, jc.status.INVALID_INPUT]

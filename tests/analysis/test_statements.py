@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -234,7 +235,7 @@ FUNCTIONS = {  # with their numbers and the size of steps
 def test_taylor(function):
     p, size = FUNCTIONS[function]
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def both(p):
         numbers = function(p).ravel()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from banks.shapes import spokes
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 from scipy.integrate import solve_ivp
 
 import jaxcable as jc
@@ -200,7 +201,7 @@ def test_derivatives_through_the_intact_state():
         return jc.solve(own, case, TIGHT, start=before).tension[0]
 
     p = np.array([1e5, 1.2e5, 0.9e5, 1.1e5, 0.8e5, 1.9e5])
-    force = jax.jit(force)
+    force = traced(force)
     gradient = jax.grad(force)(p)
     assert np.all(np.asarray(gradient) != 0)
     assert slope(force, p, gradient, size=10.0) > 1.9
@@ -212,7 +213,7 @@ def test_traced_numbers_that_break_a_rule_give_nan():
     structure = PYRAMID.structure
     before = solved(structure, jc.Phase(loads=PYRAMID.load(900.0)))
 
-    @jax.jit
+    @traced
     def forces(solution, factor):
         return loss_of_cable(structure, solution, [1], dynamic_factor=factor).loads[0].forces
 

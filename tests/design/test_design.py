@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 from scipy.special import logsumexp
 
 import jaxcable as jc
@@ -48,7 +49,7 @@ def influence(wrt, phase=None):
     return found if wrt != "shortening" else (found, design.flat_matrix(found, ZERO))
 
 
-@jax.jit
+@traced
 def _turned(shortening):
     phases = [STATED, LOADING, jc.Phase(shortening=split(shortening))]
     solution = jc.solve(NET, phases, TIGHT)
@@ -265,7 +266,7 @@ def pulled(tension, method=TIGHT):
     return jc.solve(LINE, [jc.Phase(pretension=tension), jc.Phase(loads=load)], method)
 
 
-@jax.jit
+@traced
 def distance_at(tension):
     return design.slack_distance(LINE, pulled(tension))
 

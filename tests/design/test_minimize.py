@@ -10,6 +10,7 @@ import numpy as np
 import optax
 import pytest
 from banks.shapes import cross
+from oracles.traced import traced
 from scipy import optimize
 
 import jaxcable as jc
@@ -154,8 +155,8 @@ def test_many_starts_at_once_and_under_jit():
     for k in (0, 2):
         # the same steps but for the order of sums
         assert jnp.abs(designs.params[k] - alone[k].params).max() < 1e-9
-    traced = jax.jit(lambda low: jc.minimize(wall, jnp.array([1.0, 2.0]), (low, None)).status)
-    assert int(traced(1.5)) == status.OUTSIDE and int(traced(0.5)) == 0
+    within = traced(lambda low: jc.minimize(wall, jnp.array([1.0, 2.0]), (low, None)).status)
+    assert int(within(1.5)) == status.OUTSIDE and int(within(0.5)) == 0
 
 
 def test_no_way_on_is_said():
@@ -268,7 +269,7 @@ def test_losses_are_not_kept_alive():
     gc.collect()
     assert gone() is None
     with jax.checking_leaks():
-        inner = jax.jit(lambda a: jc.minimize(lambda x: jnp.sum((x - a) ** 2), jnp.ones(2)).params)
+        inner = traced(lambda a: jc.minimize(lambda x: jnp.sum((x - a) ** 2), jnp.ones(2)).params)
         assert jnp.abs(inner(2.0) - 2).max() < 1e-6
 
 

@@ -1,10 +1,10 @@
 """Beams against closed forms, an independent energy and an independent boundary value solver."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
+from oracles.traced import traced
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
@@ -52,7 +52,7 @@ def one_beam(section=BOX, **options):
 
 def test_a_rigid_motion_of_any_size_gives_no_force():
     group, state, ends = one_beam()
-    forces = jax.jit(lambda *at: (group.end_forces(*at), group.tension(*at)))
+    forces = traced(lambda *at: (group.end_forces(*at), group.tension(*at)))
     for degrees in [10, 90, 180, 359, 725] * 5:
         axis = RNG.normal(size=3)
         turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis))
@@ -200,7 +200,7 @@ def test_a_toggle_is_pushed_through_its_limit_point():
     supports = ends + jc.pinned([n])
     structure = jc.Structure(nodes, jc.Beams(chain(2 * n), section=section), supports)
 
-    @jax.jit
+    @traced
     def force(depth):
         move = jc.SupportMovement([n], jnp.stack([0 * depth, 0 * depth, -depth]))
         end = jc.solve(structure, [jc.Phase(loads=move)])
@@ -226,7 +226,7 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     mask[[0, n], 2] = mask[0, 0] = True
     structure = straight(n, length, supports=jc.Supports(mask))
 
-    @jax.jit
+    @traced
     def lowest(force):
         load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
         solution = jc.solve(structure, [jc.Phase(loads=load)])

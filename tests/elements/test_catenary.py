@@ -11,6 +11,7 @@ import pytest
 import scenes
 from oracles.convex_oracle import WIDE, Element, Scene, find
 from oracles.taylor import slope
+from oracles.traced import traced
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -49,7 +50,7 @@ def draw(n, seed=0):
     return x, z, length, weight, stiffness * 10 ** rng.uniform(0, 10, n)
 
 
-@jax.jit
+@traced
 def middle_force(x, z, length, weight, stiffness):
     """Tension vectors in the middle, [n, 2], and mean tensions."""
     n = len(x)
@@ -162,7 +163,7 @@ REGIMES = {
 }
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, argnums=1)
 def rated(p, q):
     """Logarithms of force, tension and horizontal force, and derivatives by q; p q is the cable."""
@@ -197,7 +198,7 @@ def test_higher_derivatives():
     def along(way):
         return jax.jvp(lambda q: rated(p, q)[1], (start,), (way,))[1]
 
-    rates = jax.jit(jax.vmap(along))(ways)
+    rates = traced(jax.vmap(along))(ways)
     both = np.asarray(rates @ ways.T)
     assert abs(both[0, 1] - both[1, 0]) < 1e-9 * np.abs(both).max()
     for way, rate in zip(ways, rates, strict=True):
@@ -251,7 +252,7 @@ def test_single_precision():
 def test_plumb_and_collapsed_cables_have_derivatives():
     """A chord along the load, and none at all: the force of one equation, the stiffness finite."""
 
-    @jax.jit
+    @traced
     def both(p):
         def force(p):
             found = hanging.solve_catenary(p[:3], p[:3] @ p[:3] - p[3] ** 2, p[4:7], p[3], p[7])[0]
@@ -299,7 +300,7 @@ def test_in_balance_it_is_the_hanging_cable():
     """
     turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
 
-    @jax.jit
+    @traced
     @jax.vmap
     def compared(*span):
         tension, rest = hanging.tension_unknown(*span), span[2:]
@@ -340,7 +341,7 @@ def test_derivatives_by_the_tension():
     """Off balance, too: Taylor's test of the rates that `Under` states."""
     rates = {"force": "force_per_tension", "spare_length": "compliance", "sag": "sag_compliance"}
 
-    @jax.jit
+    @traced
     def values(tension, *span):
         at = hanging_springs.hanging_under_tension(tension[0], *span)
         return [jnp.sum(getattr(at, n)) for n in rates], [jnp.sum(getattr(at, n)) for n in at_rates]
@@ -486,7 +487,7 @@ def test_derivatives_by_sag_weight_stiffness_and_ends():
     def one(chord, load, stiffness, sag):
         return chord_strain_at_sag(chord, load, jnp.exp(stiffness), jnp.exp(sag))
 
-    rated = jax.jit(jax.vmap(lambda at, ways: jax.jvp(one, at, ways)))
+    rated = traced(jax.vmap(lambda at, ways: jax.jvp(one, at, ways)))
     random = np.random.default_rng(1)
     for k, size in enumerate((1e-2, 1e-4, 1e-4, 1e-4)):
         way = random.normal(size=at[k].shape) * size
@@ -523,7 +524,7 @@ def test_a_plumb_span_has_no_midspan():
     """
     with pytest.raises(ValueError, match=r"sag\[0\]: the nodes of the element lie above each"):
         upright(PLUMB)
-    run = jax.jit(upright)
+    run = traced(upright)
     assert int(run(PLUMB)[0]) == status.INVALID_INPUT
     nodes = PLUMB + np.array([[0.0, 0, 0], [5e-7, 0, 0], [0, 0, 0]])
     code, length = run(nodes)
@@ -538,7 +539,7 @@ def test_a_plumb_span_has_no_midspan():
     def rest(ends):
         return jnp.sum(cable.apply_statements(cable.start(ends), ends, stated).rest_length)
 
-    rate = jax.jit(jax.grad(rest))(jnp.asarray(PLUMB[np.array([[0, 1], [0, 2]])]))
+    rate = traced(jax.grad(rest))(jnp.asarray(PLUMB[np.array([[0, 1], [0, 2]])]))
     assert np.isfinite(rate).all() and float(rate[0, 1, 2]) == pytest.approx(1.0)
     with pytest.raises(ValueError, match="first, second: the ends lie above each other"):
         jc.forms.hanging_chain((0, 0, 0), (0, 0, 1.0), 4, 1.0, 1.0, 1e3)

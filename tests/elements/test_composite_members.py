@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.laws import CURVES
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -62,7 +63,7 @@ SHARES = np.array([0.3, 0.7])
 LAW = materials.Parallel((STEEL, SOFT), SHARES).tension_only()
 
 
-@jax.jit
+@traced
 def history(law, strains):
     """Stress, slope of the energy, slack, kept fibre stresses, inverse, and after settling."""
 
@@ -125,7 +126,7 @@ def test_secant_of_a_cable_of_two_laws():
     chord = np.linalg.norm(ends[1])
     state = AxialState(0.999 * chord, 0.001 * chord, memory=np.array([2e-3]))
 
-    @jax.jit
+    @traced
     def secant(before, after):
         """Forces by the secant, their change, and tension and slackness before and after."""
         change = group.end_forces(state, ends, after) - group.end_forces(state, ends, before)
@@ -268,7 +269,7 @@ def test_compliance_is_one_spring_beside_a_law_of_points():
     assert np.allclose(fibres[:, 0], np.interp(own, strain, stress), rtol=1e-8)
     assert np.allclose(fibres[:, -1], 50e9 * own, rtol=1e-8)
     # prestress is stated through the same spring
-    stated = jax.jit(structure.elements.strain_at)(forces)
+    stated = traced(structure.elements.strain_at)(forces)
     assert np.allclose(stated, own + springs * forces, rtol=1e-12)  # rounding over the last slope
 
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import taylor
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -78,10 +79,10 @@ def test_gradients_beside_the_kink_and_at_it():
         gradient = np.asarray(jax.grad(moved)(p))
         assert np.abs(gradient / np.array([1.0, 1e-5]) - np.array(expected) * [1, 1e5]).max() < 1e-9
     # the displacement is linear in all but the gap, so that its remainder is that of the gap
-    value = jax.jit(lambda gap: moved(jnp.stack([gap, 600.0])))
+    value = traced(lambda gap: moved(jnp.stack([gap, 600.0])))
     gap = np.array(0.5)
-    rate = jax.jit(jax.grad(lambda gap: on_a_line(gap, 1e5).displacement[1, 0]))(gap)
-    value = jax.jit(lambda gap: on_a_line(gap, 1e5).displacement[1, 0])
+    rate = traced(jax.grad(lambda gap: on_a_line(gap, 1e5).displacement[1, 0]))(gap)
+    value = traced(lambda gap: on_a_line(gap, 1e5).displacement[1, 0])
     assert 1.9 < taylor.slope(value, gap, rate, 20) < 2.1
     assert taylor.slope(value, gap, 1.01 * rate, 20) < 1.2
     # 200 N close the gap of 2 mm exactly; the load of no force leaves a contact without gap so

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common.tree import copy_with, merge_indices, split_indices
@@ -141,7 +142,7 @@ def system(name, held=False):
     return made, made.move(made.impose_supports(kind.at_rest(nodes)), jnp.asarray(step))
 
 
-@jax.jit
+@traced
 def figures(without_indices, arrays, x):
     """Residual twice, slope of the energy, tangent, Jacobian; the arrays are indices."""
     made = merge_indices(without_indices, arrays)

@@ -10,6 +10,7 @@ from extensions.own_elements import GroundSprings, TurningSprings
 from extensions.own_laws import Maxwell, Prager
 from extensions.own_links import Brittle, Dampers, Hooks, Lying, Series, Thrusters
 from numpy.testing import assert_allclose
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import memory_limit, status
@@ -101,7 +102,7 @@ def test_gradient_by_its_stiffness():
     def sag(k):
         return jc.solve(mixed(k), PHASES).displacement[1, 2]
 
-    there = jax.jit(jax.value_and_grad(sag))
+    there = traced(jax.value_and_grad(sag))
     value, slope = there(K)
     step = 1e-2
     for axis, moved in enumerate(step * np.eye(3)[:, None]):
@@ -326,7 +327,7 @@ def test_fibres_of_a_law_with_memory():
     push = jc.NodalLoads([1], (0.0, 0.0, -45e3))
     phases = [jc.Phase(loads=push, increments=4), jc.Phase(loads=push.scaled(-1.0))]
 
-    @jax.jit
+    @traced
     @functools.partial(jax.jacfwd, has_aux=True)
     def left(y):
         law = jc.replace(section, laws=(Prager(200e9, 20e9, y),))
@@ -353,7 +354,7 @@ def test_increments_of_a_law_with_memory_have_derivatives():
         found = jnp.stack([path.displacement[2, 1, 2], path.tension[2, 0], path.strain[2, 0]])
         return found, (found, solution.status)
 
-    there = jax.jit(jax.jacfwd(rows, has_aux=True))
+    there = traced(jax.jacfwd(rows, has_aux=True))
     step = 1e3
     slopes, (_, code) = there(300e6)
     assert code == status.OK

@@ -11,6 +11,7 @@ import pytest
 from extensions.own_saddle import Saddles
 from numpy.testing import assert_allclose
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.cli import main
@@ -111,8 +112,8 @@ def end(p):
 
 @pytest.mark.slow
 def test_gradient_by_a_statement():
-    at, value = jnp.ones(()), jax.jit(end)
-    gradient = jax.jit(jax.grad(end))(at)
+    at, value = jnp.ones(()), traced(end)
+    gradient = traced(jax.grad(end))(at)
     assert slope(value, at, gradient, 0.5) == pytest.approx(2.0, abs=0.1)
     assert slope(value, at, 1.01 * gradient, 0.5) == pytest.approx(1.0, abs=0.15)
     many = jax.vmap(end)(jnp.array([0.5, 1.0]))
@@ -191,9 +192,9 @@ def test_wrong_statements_are_refused(own, message):
 def test_traced_numbers_keep_their_rules():
     with pytest.raises(ValueError, match=r"stiffness\[0\] = -1.0: must be positive"):
         Saddles([[0, 1, 2]], -1.0)
-    soft = jax.jit(lambda k: jc.solve(rope(ropes=Saddles([[0, 1, 2]], k)), history()[:1]).status)
+    soft = traced(lambda k: jc.solve(rope(ropes=Saddles([[0, 1, 2]], k)), history()[:1]).status)
     assert [int(soft(k)) for k in (EA, -EA)] == [status.OK, status.INVALID_INPUT]
-    codes = jax.jit(jax.vmap(lambda mu: jc.solve(rope(), history(mu)[:1]).status))
+    codes = traced(jax.vmap(lambda mu: jc.solve(rope(), history(mu)[:1]).status))
     assert codes(jnp.array([MU, -MU])).tolist() == [status.OK, status.INVALID_INPUT]
 
 

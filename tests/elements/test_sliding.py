@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -178,7 +179,7 @@ def test_line_loads_per_initial_length_stay():
     assert np.asarray(-solution.load[:, 2]) == pytest.approx(20.0 * share, rel=1e-14)
 
 
-@jax.jit
+@traced
 def weighed(p):
     """A pulley under a force, stiffness, length, positions of nodes and weight that slides."""
     structure, phase = pulley(p["force"], p["stretching"][0] * 1e6, p["stretching"][1] * 10)
@@ -195,7 +196,7 @@ PARAMETERS = {
     "nodes": jnp.asarray(pulley()[0].nodes),
     "weight": jnp.array([60.0]),
 }
-RATED = jax.jit(jax.grad(weighed, has_aux=True))
+RATED = traced(jax.grad(weighed, has_aux=True))
 
 
 @pytest.mark.slow_cases("force")

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import taylor
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -169,7 +170,7 @@ def on_soft_ground(p):
 
 
 def test_gradients_by_numbers_of_springs():
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def value(p):
         solution = on_soft_ground(p)
@@ -187,7 +188,7 @@ def test_gradients_by_numbers_of_springs():
 
 def test_a_batch_of_springs_is_each_of_them():
     cases = np.array([[2e3, 0.3, 0.02], [1e3, 0.1, 0.05], [3e3, 0.0, -0.01]])
-    together = jax.jit(jax.vmap(on_soft_ground))(jnp.asarray(cases))
+    together = traced(jax.vmap(on_soft_ground))(jnp.asarray(cases))
     for case, moved, code in zip(cases, together.displacement, together.status, strict=True):
         alone = on_soft_ground(jnp.asarray(case))
         assert int(code) == int(alone.status) == 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from banks import shapes
 from banks.problems import two_links, two_links_exact, unbalanced
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -162,7 +163,7 @@ def test_derivatives_beside_a_node_without_stiffness():
         return solution.displacement[np.array([1, 3])], solution
 
     load = jnp.array([0.1, 0.0, -1.0])
-    got, solution = jax.jit(jax.jacrev(end, has_aux=True))(load)
+    got, solution = traced(jax.jacrev(end, has_aux=True))(load)
     assert int(solution.status) == status.OK
     path = solution.phases[1].path
     assert int(path.n_slack[0]) == 2 and int(path.n_loose[0]) == 1
@@ -177,7 +178,7 @@ def test_derivatives_beside_a_node_without_stiffness():
         stiffness += 1e3 / 0.99 * along + force / length * (np.eye(3) - along)
     np.testing.assert_allclose(got[0], np.linalg.inv(stiffness), atol=1e-9, rtol=1e-9)
     assert all_nan(got[1])
-    forward, _ = jax.jit(jax.jacfwd(end, has_aux=True))(load)
+    forward, _ = traced(jax.jacfwd(end, has_aux=True))(load)
     np.testing.assert_allclose(forward[0], got[0], atol=1e-12, rtol=1e-9)
     assert all_nan(forward[1])
 
@@ -185,7 +186,7 @@ def test_derivatives_beside_a_node_without_stiffness():
 # --- gradients of failures
 
 
-@jax.jit
+@traced
 def derivatives_of_cases(stiffness, tensions, loads, counts):
     """Derivatives of two results of every case, and of a sum over the cases that count.
 
@@ -235,7 +236,7 @@ def test_the_last_state_keeps_its_whole_derivative():
     bad = jc.Phase(loads=jc.NodalLoads([3], (0, 0, np.nan)))
     load = jc.Phase(loads=jc.NodalLoads(FREE, (0, 0, -10.0)))
 
-    @jax.jit
+    @traced
     @functools.partial(jax.jacrev, has_aux=True)
     def both(structure):
         short = jc.solve(structure, [jc.Phase(pretension=200.0), load])
@@ -310,7 +311,7 @@ def test_bars_without_force_are_in_balance():
     structure = jc.replace(structure, elements=legs)
     feet = np.asarray(structure.nodes)[1:]
 
-    @jax.jit
+    @traced
     @functools.partial(jax.jacfwd, has_aux=True)
     def top(shortening, temperature, prestrain):
         phase = jc.Phase(shortening=shortening, temperature=temperature, prestrain=prestrain)

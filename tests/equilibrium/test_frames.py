@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -28,7 +29,7 @@ def test_gradient_through_a_batch():
     """By a shared parameter of a batch, as by differences, and nearly that of small deflections."""
     forces = jnp.array([500.0, 1000.0])
 
-    @jax.jit
+    @traced
     def total(w):
         def both(w):
             deflection, solution = jax.vmap(lambda p: tip(p * w))(forces)

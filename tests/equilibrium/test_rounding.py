@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from banks import shapes
 from extensions.own_membrane import Membranes, sheet
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -198,7 +199,7 @@ def test_rounding_of_a_failed_increment():
 @pytest.mark.slow
 def test_batches_and_their_cases_have_the_rounding():
     steps = np.array([[1e3, 2e3, 3e3], [2e3, 1e3, 4e3]])
-    batch = jax.jit(jax.vmap(solve_load_steps))(steps)
+    batch = traced(jax.vmap(solve_load_steps))(steps)
     assert batch.status.tolist() == [0, 0]
     second, alone = jax.tree.map(lambda x: x[1], batch), solve_load_steps(steps[1])
     for many, part in zip(batch.phases, second.phases, strict=True):

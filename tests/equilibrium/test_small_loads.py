@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import status
@@ -56,7 +57,7 @@ def displacements_by_load(kind):
         moved = solution.phases[1].displacement[1]
         return moved[2], (moved[jnp.array([0, 2])], solution.status)
 
-    return jax.jit(jax.vmap(jax.value_and_grad(moved, has_aux=True), in_axes=(0, None)))
+    return traced(jax.vmap(jax.value_and_grad(moved, has_aux=True), in_axes=(0, None)))
 
 
 @pytest.mark.slow

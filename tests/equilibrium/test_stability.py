@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import linear
@@ -98,7 +99,7 @@ def test_random_trusses_against_eigenvalues():
     forces = 10.0 ** rng.uniform(0.5, 2.5, (24, 1, 1)) * rng.normal(size=(24, 5, 3)) * [1, 1, 0]
     pretension = rng.uniform(-100.0, 300.0, (24, len(links)))
 
-    @jax.jit
+    @traced
     @jax.vmap
     def analyse(force, pretension):
         phases = [jc.Phase(pretension=pretension), jc.Phase(loads=jc.NodalLoads(free, force))]
@@ -129,7 +130,7 @@ def test_a_clamped_column_of_beams():
     column = jc.Structure(nodes, jc.Beams(links, section=section, up=(1.0, 0, 0)), jc.clamped([0]))
     euler = np.pi**2 * 210e9 * np.pi * 0.1**4 / 64 / (2 * length) ** 2
 
-    @jax.jit
+    @traced
     def analyse(load):
         loads = jc.NodalLoads([n], load * jnp.array([0.0, 0.0, -1.0]))
         return jc.solve(column, jc.Phase(loads=loads), jc.Newton())
@@ -176,7 +177,7 @@ def test_instability_is_in_warning_report_picture_and_file(tmp_path, capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         push_strut(8.0)
-        assert not jax.jit(push_strut)(12.0).stable
+        assert not traced(push_strut)(12.0).stable
     structure = propped_strut()
     text = jc.report(structure, solution).text()
     assert "UNSTABLE at its end" in text

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from banks import problems
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -219,7 +220,7 @@ SCENES = {
 def test_taylor(scene):
     start, analyse = SCENES[scene]
 
-    @jax.jit
+    @traced
     @functools.partial(jax.value_and_grad, has_aux=True)
     def f(p):
         solution = analyse(p)

@@ -202,12 +202,12 @@ def test_a_fibre_with_moments_is_not_and_nothing_traced_is():
         for section in (TUBE, thin, layers):
             jc.Structure(PLACES[:2], jc.Beams([[0, 1]], section=section), jc.clamped([0]))
 
-        def traced(area):
+        def inside(area):
             section = jc.Section([0.0], [0.0], area, [STEEL], torsion=[1e-6])
             jc.Structure(PLACES[:2], jc.Beams([[0, 1]], section=section), jc.clamped([0]))
             return area
 
-        jax.jit(traced)(jnp.array([1.0]))
+        traced(inside)(jnp.array([1.0]))
     law = jc.Polygonal([-0.01, 0, 0.01], [-1e8, 0, 1e8])
     section = jc.Section([0.0], [0.0], [0.001], [law], torsion=[1e-6], own=[[1e-6, 1e-6, 0]])
     with pytest.warns(jc.InputWarning, match="EI is zero about all axes, .*; give more fibres"):

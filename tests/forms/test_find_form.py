@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import slope
+from oracles.traced import traced
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -230,7 +231,7 @@ def test_transformations_against_closed_forms(find, by_hand, batch):
             return f(p)[0]
 
         ways = jax.jacfwd(first), jax.jacrev(first), jax.hessian(first)
-        return jax.jit(jax.vmap(lambda p: (*f(p), *(way(p) for way in ways))))(jnp.array(batch))
+        return traced(jax.vmap(lambda p: (*f(p), *(way(p) for way in ways))))(jnp.array(batch))
 
     (found, places, codes, *slopes), (expected, known, _, *rates) = map(everything, (find, by_hand))
     assert not codes.any()
@@ -268,7 +269,7 @@ def test_taylor(lengths):
         total += jnp.sum(waves * (form.length + jnp.log(1 + form.tension**2) + form.rest_length))
         return total, form.status
 
-    f = jax.jit(jax.value_and_grad(number, has_aux=True))
+    f = traced(jax.value_and_grad(number, has_aux=True))
     p = jnp.concatenate([start, jnp.ones(24), jnp.zeros(36)])
     (_, status), gradient = f(p)
     assert int(status) == 0
@@ -286,7 +287,7 @@ def test_taylor(lengths):
 WEBER = star(TRIANGLE, top=(1.0, 1.0, 0.7))
 
 
-@jax.jit
+@traced
 def _rest_length(stiffness, T, load, which):
     """Of a batch; the unstressed length of its case `which`, and the statuses."""
     elements = jc.replace(WEBER.elements, axial_stiffness=stiffness)
@@ -315,7 +316,7 @@ def test_no_form_is_a_status(tension, load, codes):
         jc.raise_if_failed(form)
     good = jnp.array([3.0, 4.0, 4.5])
     given = EA, jnp.stack([jnp.array(tension), good]), jnp.array([load, 0.0])
-    rates = jax.jit(jax.grad(_rest_length, argnums=(0, 1), has_aux=True))
+    rates = traced(jax.grad(_rest_length, argnums=(0, 1), has_aux=True))
     (rate, _), status = rates(*given, 1)
     assert int(status[0]) in codes and int(status[1]) == 0
     length = float(find_form(WEBER, good, down(3, 0.0)).length[0])

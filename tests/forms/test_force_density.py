@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from banks.problems import INSTALLED as SOLVERS
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.forms import force_density
@@ -133,7 +134,7 @@ def test_transformations(solver):
             jax.hessian(measure(f))(p),
         )
 
-    found, expected = (jax.jit(lambda f=f: everything(f))() for f in (ours, plain))
+    found, expected = (traced(lambda f=f: everything(f))() for f in (ours, plain))
     for own, other in zip(found, expected, strict=True):
         # rounding times a condition below 100, twice
         assert np.abs(own - other).max() < 1e-11 * np.abs(other).max()
@@ -145,7 +146,7 @@ def test_taylor():
     structure, q, load = random_net(2)
     weights = jnp.asarray(np.random.default_rng(7).normal(size=(8, 3)))
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def f(p):
         moved = jc.replace(structure, nodes=p[-48:-24].reshape(8, 3))
@@ -201,22 +202,22 @@ def test_singular_matrix_is_nan_with_nan_derivatives(solver):
     x = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 1.0]])
     structure = jc.Structure(x, jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e4), jc.pinned([0, 2]))
 
-    @jax.jit
+    @traced
     def place(q):
         return force_density(structure, q, None, solver)
 
     q = jnp.array([1.0, -1.0])
     assert np.isnan(place(q)[1]).all() and np.isfinite(np.asarray(place(q))[[0, 2]]).all()
-    assert np.isnan(jax.jit(jax.grad(lambda q: place(q)[1, 2]))(q)).all()
-    assert np.isnan(jax.jit(jax.jacfwd(place))(q)[1]).all()
+    assert np.isnan(traced(jax.grad(lambda q: place(q)[1, 2]))(q)).all()
+    assert np.isnan(traced(jax.jacfwd(place))(q)[1]).all()
     batch = jnp.stack([q, jnp.array([1.0, 3.0])])
-    assert np.abs(jax.jit(jax.vmap(place))(batch)[1, 1] - np.array([1.5, 0, 0.75])).max() < 1e-15
+    assert np.abs(traced(jax.vmap(place))(batch)[1, 1] - np.array([1.5, 0, 0.75])).max() < 1e-15
 
     def shared(scale):  # of the second case only
         return jax.vmap(place)(scale * batch + jnp.array([[0.0, 0], [0, 1.0]]))[1, 1, 2]
 
     # z = q2 / (q1 + q2) with q2 = 3 s + 1, q1 = s
-    assert abs(jax.jit(jax.grad(shared))(1.0) - (3 * 5 - 4 * 4) / 25) < 1e-14
+    assert abs(traced(jax.grad(shared))(1.0) - (3 * 5 - 4 * 4) / 25) < 1e-14
     assert np.isnan(place(jnp.array([jnp.nan, 1.0]))[1]).all()
 
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -106,7 +107,7 @@ def test_a_net_under_all_loads_is_in_balance():
 def test_gradient(find, solver):
     """Taylor test by the loads, the prestress, and the stiffness (unstressed lengths weigh)."""
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def value(p):
         structure = jc.replace(NET, elements=jc.replace(NET.elements, axial_stiffness=1e5 * p[2]))

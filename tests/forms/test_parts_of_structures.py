@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -387,7 +388,7 @@ def test_gradient(lengths):
         total = jnp.sum(jnp.sin(form.positions[3] + jnp.arange(3.0))) + form.positions[1, 2]
         return total + rests + 1e-3 * form.tension["tie"][0], form.status
 
-    f = jax.jit(jax.value_and_grad(number, has_aux=True))
+    f = traced(jax.value_and_grad(number, has_aux=True))
     (_, status), gradient = f(ONES)
     assert int(status) == 0
 
@@ -406,13 +407,13 @@ def test_gradient(lengths):
 def test_no_form_is_a_status_beside_sound_cases():
     """In a batch: NaN with NaN derivatives; others have theirs, also by numbers that are shared."""
 
-    @jax.jit
+    @traced
     def of_case(p, shared, which):
         forms = jax.vmap(lambda p: bay(p.at[2].set(p[2] * shared)))(p)
         return forms.positions[which, 1, 2], (forms.status, forms.positions)
 
     cases = jnp.stack([ONES, ONES.at[3].set(1e9), ONES.at[2].set(-1.0), ONES.at[1].set(-1.0)])
-    rates = jax.jit(jax.value_and_grad(of_case, argnums=(0, 1), has_aux=True))
+    rates = traced(jax.value_and_grad(of_case, argnums=(0, 1), has_aux=True))
     (height, (status, places)), (rate, shared) = rates(cases, 1.0, 0)
     assert int(status[0]) == 0 and int(status[2]) == jc.status.INVALID_INPUT
     assert status[1:].all()

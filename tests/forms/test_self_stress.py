@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 from oracles.taylor import slope
+from oracles.traced import traced
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -237,7 +238,7 @@ def group_tensions(nodes, tension=1.0):
     return forms.feasible_prestress(structure, GROUPS, group=VERTICAL, tension=tension)
 
 
-@jax.jit
+@traced
 @jax.value_and_grad
 def there(nodes):
     """Weighed group tensions of any nodes: the least squares state beside the given tension."""
@@ -255,7 +256,7 @@ def test_derivative_by_the_nodes():
     assert abs(slope(traced, nodes, gradient) - 2) < 0.1
     assert abs(slope(traced, nodes, 1.01 * gradient) - 1) < 0.1  # control: a wrong gradient
     # linear in the tension that is given
-    by_tension = jax.jit(jax.jacfwd(lambda t: group_tensions(nodes, t).group_tension))(2.0)
+    by_tension = traced(jax.jacfwd(lambda t: group_tensions(nodes, t).group_tension))(2.0)
     assert jnp.abs(by_tension - group_tensions(nodes).group_tension).max() < 1e-13
 
     def ratio(height):
@@ -265,7 +266,7 @@ def test_derivative_by_the_nodes():
     # triangle over vertical with l_t = sqrt(3): 1 / l_v
     upright = np.hypot(2 * np.sin(np.pi / 12), 1.5)
     assert float(ratio(1.5)) == pytest.approx(1 / upright, rel=1e-13)
-    assert float(jax.jit(jax.grad(ratio))(1.5)) == pytest.approx(-1.5 / upright**3, rel=1e-12)
+    assert float(traced(jax.grad(ratio))(1.5)) == pytest.approx(-1.5 / upright**3, rel=1e-12)
 
 
 def test_traced_nodes_with_several_modes_give_no_numbers():
@@ -277,14 +278,14 @@ def test_traced_nodes_with_several_modes_give_no_numbers():
     def first(nodes):
         return forms.feasible_prestress(moved(nodes), group=0).tension[5]
 
-    assert np.isnan(jax.jit(first)(structure.nodes))
-    assert np.isnan(jax.jit(jax.grad(first))(jnp.asarray(structure.nodes))).any()
-    pushing = jax.jit(lambda nodes: group_tensions(nodes, -1.0).group_tension)
+    assert np.isnan(traced(first)(structure.nodes))
+    assert np.isnan(traced(jax.grad(first))(jnp.asarray(structure.nodes))).any()
+    pushing = traced(lambda nodes: group_tensions(nodes, -1.0).group_tension)
     assert np.isnan(pushing(SIMPLEX.nodes)).all()  # cables would be in compression
     with pytest.raises(ValueError, match="group: the nodes are traced by jax"):
-        jax.jit(lambda n: forms.feasible_prestress(moved(n)).tension)(structure.nodes)
+        traced(lambda n: forms.feasible_prestress(moved(n)).tension)(structure.nodes)
     with pytest.raises(ValueError, match="self_stress: the nodes are traced by jax"):
-        jax.jit(lambda n: forms.self_stress(moved(n)).tensions)(structure.nodes)
+        traced(lambda n: forms.self_stress(moved(n)).tensions)(structure.nodes)
 
 
 # --- symmetry

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.cli import parser
@@ -169,7 +170,7 @@ def test_form_finding_takes_masses():
 AT = {"thickness": 0.02, "diameter": 0.03, "density": 700.0, "masses": 80.0, "gravity": 9.8}
 
 
-@jax.jit
+@traced
 @jax.value_and_grad
 def sunk(p):
     """The middle node, mm upwards, under ice and a mass."""

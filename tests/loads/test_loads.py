@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common.tree import merge_indices, split_indices
@@ -215,7 +216,7 @@ def test_a_form_under_loads_on_some_of_its_cables():
     structure = jc.Structure(nodes, jc.Cables(links, axial_stiffness=1e6), jc.pinned([0, 4]))
     load = jc.LineLoads((0.0, 0.0, -30.0), per="initial", elements=jc.only([1]))
 
-    @jax.jit
+    @traced
     def found(scale):
         return jc.force_density(structure, 100.0, jc.combine([load], [scale]))
 
@@ -271,7 +272,7 @@ P = {
 ONLY_FACES = P["factors"].at[:].set(0.0).at[5].set(1.0)
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, has_aux=True)
 def top(p):
     """A sum of places and logarithms of tensions, and the solution."""

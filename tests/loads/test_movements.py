@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from banks import problems
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -24,7 +25,7 @@ def two_links(phases):
 MOVE = np.array([[-0.01, 0.0, -0.1], [0.02, 0.0, 0.3]])
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, has_aux=True)
 def spread(move, more):
     """Two prestressed links whose supports are moved along x and z, and once `more`."""
@@ -88,7 +89,7 @@ def test_traced_movements_of_partly_held_nodes():
         return solution.tension[0], solution.status
 
     along, up = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 0.1])
-    moved = jax.jit(jax.value_and_grad(tension, has_aux=True))
+    moved = traced(jax.value_and_grad(tension, has_aux=True))
     rest = 1 / (1 + 100 / 1e4)
     (_, code), rate = moved(along)
     assert int(code) == 0
@@ -141,7 +142,7 @@ def test_the_scheme_of_the_paper_moves_supports_as_its_derivative_says(
         return jax.jvp(reach, (m,), (1.0,))
 
     backward = (kind, corrections) == ("cables", 0)
-    there = jax.jit(jax.value_and_grad(reach) if backward else forward)
+    there = traced(jax.value_and_grad(reach) if backward else forward)
     h = 1e-5
     (place, rate), between = there(1.0), there(1 + h)[0] - there(1 - h)[0]
     assert float(rate) == pytest.approx(float(between) / (2 * h), rel=1e-7, abs=1e-10)

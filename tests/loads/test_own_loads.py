@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from extensions.own_loads import PowerLawWind
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
@@ -63,7 +64,7 @@ def sway(p):
     return 1e3 * jnp.sum(solution.displacement[2]), solution
 
 
-THERE = jax.jit(jax.value_and_grad(sway, has_aux=True))
+THERE = traced(jax.value_and_grad(sway, has_aux=True))
 AT = {
     "reference": jnp.array([AT_TEN, 5.0, 0.0]),
     "exponent": jnp.array(EXPONENT),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scenes
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -158,7 +159,7 @@ def test_taylor_at_the_end_of_a_phase(name):
     nodes = jnp.asarray(structure.nodes, float)
     weight = jnp.asarray(np.random.default_rng(3).normal(size=nodes.shape))
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def inside(nodes):
         solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
@@ -331,7 +332,7 @@ def test_ring_under_pressure():
 @pytest.mark.slow
 def test_gradient_of_a_pressed_beam():
     """Taylor test of the tip by pressures of the elements, and its corrupted control."""
-    tip = jax.jit(jax.value_and_grad(lambda pressure: cantilever(3, pressure).positions[-1, 2]))
+    tip = traced(jax.value_and_grad(lambda pressure: cantilever(3, pressure).positions[-1, 2]))
     start = jnp.array([0.4, 0.5, 0.6]) * PRESSURE
     assert int(cantilever(3, start).status) == 0
     gradient = tip(start)[1]
@@ -375,7 +376,7 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
     structure, loads = pressed_parts(per, pressures)
     task = prepare(structure, jc.Phase(loads=loads), jc.Newton(linear_solver="dense"), None)
 
-    @jax.jit
+    @traced
     def tangents(without_indices):
         """Of all, as the Jacobian of the residual, and without the loads."""
         nodes, groups, restart, schedule = complete_input(

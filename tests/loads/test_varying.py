@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
@@ -146,7 +147,7 @@ def test_gradient_by_factors_of_a_loop():
         return solution.displacement[1, 0], solution.status
 
     factors = jnp.array([0.0, 30e3, -15e3, 10e3])
-    gradient, code = jax.jit(jax.grad(end, has_aux=True))(factors)
+    gradient, code = traced(jax.grad(end, has_aux=True))(factors)
     assert int(code) == jc.status.OK
     # kinematic hardening: the stress at which it yields last says what the plastic strain is
     expected = np.array([0.0, 0.0, (1 - HARD) / (E * HARD), 1 / E]) / AREA
@@ -169,9 +170,9 @@ NUMBERS = np.array([0.5, 0.02, 0.15, 0.06])
 @pytest.mark.slow
 def test_gradient_on_the_path_of_a_net():
     """By a parameter, by the factor of a load step, by others."""
-    value = jax.jit(lambda numbers: on_the_way(numbers)[0])
-    gradient = np.asarray(jax.jit(jax.grad(lambda n: on_the_way(n)[0]))(NUMBERS))
-    assert (gradient != 0).all() and int(jax.jit(on_the_way)(NUMBERS)[1]) == jc.status.OK
+    value = traced(lambda numbers: on_the_way(numbers)[0])
+    gradient = np.asarray(traced(jax.grad(lambda n: on_the_way(n)[0]))(NUMBERS))
+    assert (gradient != 0).all() and int(traced(on_the_way)(NUMBERS)[1]) == jc.status.OK
     assert slope(value, NUMBERS, gradient) == pytest.approx(2, abs=0.05)
     assert slope(value, NUMBERS, 1.01 * gradient) == pytest.approx(1, abs=0.05)
 
@@ -179,9 +180,9 @@ def test_gradient_on_the_path_of_a_net():
 def test_a_batch_of_amplitudes():
     """Mapped over, and one by one."""
     cases = NUMBERS * np.array([[1.0], [0.9], [1.1]])
-    values, codes = jax.jit(jax.vmap(on_the_way))(cases)
+    values, codes = traced(jax.vmap(on_the_way))(cases)
     assert (np.asarray(codes) == jc.status.OK).all()
-    alone = [jax.jit(on_the_way)(case)[0] for case in cases]
+    alone = [traced(on_the_way)(case)[0] for case in cases]
     np.testing.assert_allclose(values, np.array(alone), rtol=1e-9)  # tolerance of equilibrium
 
 

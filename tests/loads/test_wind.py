@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import root
 
@@ -88,7 +89,7 @@ def test_members_in_all_directions_have_the_resultant_and_the_moment_of_the_inte
     law = jc.EurocodeWind(25.0, "I")
     wind = jc.WindLoads(direction, law, drag, width, ground=1.5, vertical=upwards)
     load = np.asarray(forces(wind, structure))
-    q = jax.jit(law.pressure_at)
+    q = traced(law.pressure_at)
     force, moment = resultant(nodes, links, direction, lambda z: float(q(z - 1.5)), drag * width)
     # three Gauss points on a logarithm over heights whose ratio is at most 60
     np.testing.assert_allclose(load.sum(axis=0), force, rtol=5e-4)
@@ -309,7 +310,7 @@ def loads_of(p):
     return [wind, on_mast, jc.IceLoads(p["thickness"], p["diameter"], on="guys")]
 
 
-@jax.jit
+@traced
 def analyse(p):
     phases = [TIGHTENED, jc.Phase(loads=loads_of(p))]
     return jc.solve(mast(p["nodes"]), phases, TIGHT)
@@ -320,7 +321,7 @@ def sway(p):
     return 1e3 * solution.displacement[1] @ jnp.array([1.0, 0.3, 0.2]), solution.status
 
 
-SWAY = jax.jit(jax.value_and_grad(sway, has_aux=True))
+SWAY = traced(jax.value_and_grad(sway, has_aux=True))
 
 
 @pytest.mark.slow_cases(
@@ -350,7 +351,7 @@ def test_eight_directions_are_one_batch_symmetric_and_equal_to_single_analyses()
     def towards(direction):
         return analyse(same | {"direction": direction})
 
-    batch = jax.jit(jax.vmap(towards))(directions)
+    batch = traced(jax.vmap(towards))(directions)
     assert (np.asarray(batch.status) == 0).all()
     for k in range(8):
         alone = towards(directions[k])

@@ -23,6 +23,7 @@ from banks.laws import (
     samples,
     virgin,
 )
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -200,8 +201,8 @@ def test_taylor_of_the_points(name):
     direction[-1] = 1.0  # the entry that is corrupted below
     changes = np.append(0.0, steps)[:, None] * direction
     # a row for each of the three: their gradients, as by jax.grad
-    gradients = np.asarray(jax.jit(jax.jacrev(measures))(changes[0]))
-    f0, *values = np.asarray(jax.jit(jax.vmap(measures))(changes))
+    gradients = np.asarray(traced(jax.jacrev(measures))(changes[0]))
+    f0, *values = np.asarray(traced(jax.vmap(measures))(changes))
     values = np.array(values)
     law = jc.Polygonal(strain, stress, unloading)  # of points that are known when it is compiled
     memory = history(law, [0.6 * end])[4][0] if law.n_memory else None
@@ -303,7 +304,7 @@ def test_a_parallel_law_in_series_with_a_spring():
 def test_limits_and_capacity_of_a_parallel_law():
     """The first end: steel in compression, the strand in tension."""
     steel, end = materials.steel(), 0.02 / 0.9
-    limits, capacity = jax.jit(lambda law: (law.strain_limits, law.capacity))(TRIO)
+    limits, capacity = traced(lambda law: (law.strain_limits, law.capacity))(TRIO)
     assert np.allclose(limits, [-0.05, end], rtol=0)
     beyond = evaluate(TRIO, [-0.051, -0.05, end, 0.023], np.zeros(2))[-1]
     assert beyond.tolist() == [True, False, False, True]

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -270,17 +271,17 @@ def test_gradients(alone):
         return jax.value_and_grad(height)(numbers)
 
     at = 2.0, 300.0, 1e9
-    (value, found), (_, expected) = jax.jit(both)(at), alone(jax.jit(lambda x: both(x)), at)
+    (value, found), (_, expected) = traced(both)(at), alone(traced(lambda x: both(x)), at)
     assert_allclose(found, expected, rtol=1e-9)
     assert np.all(np.asarray(found) != 0)
     cases = tuple(np.stack([x, 1.1 * x]) for x in at)
-    assert_allclose(jax.jit(jax.vmap(height))(cases)[0], value, rtol=1e-9)
+    assert_allclose(traced(jax.vmap(height))(cases)[0], value, rtol=1e-9)
 
 
 def test_traced_law_keeps_its_rules():
     """A modulus that is no stiffness, traced, in one group of a bundle: a status and no number."""
 
-    @jax.jit
+    @traced
     def analyse(E):
         laws = iter([jc.Elastic(1e9), jc.Elastic(E), jc.Elastic(2e9)])
         structure = net(lambda factor: next(laws))

@@ -16,6 +16,7 @@ from extensions.own_motion import GRAVITY, at_rest, history, let_go, moving, ste
 from jax import lax
 from numpy.testing import assert_allclose
 from oracles import taylor
+from oracles.traced import traced
 from scenes.frames import in_plane, solid
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -278,7 +279,7 @@ def test_derivatives_through_steps():
     """By gravity and the velocity at the start, through cables that are slack at first."""
     system, count = hung("straight"), 40
 
-    @jax.jit
+    @traced
     def end(p):
         pulled = copy_with(system, load=p[0] * system.load)
         begun, masses = thrown(system, p[1:])
@@ -292,7 +293,7 @@ def test_derivatives_through_steps():
         return ended.motion[2] @ jnp.array([1.0, 2.0, 3.0]), codes
 
     p = np.array([1.0, *VELOCITY])
-    (_, codes), gradient = jax.jit(jax.value_and_grad(end, has_aux=True))(p)
+    (_, codes), gradient = traced(jax.value_and_grad(end, has_aux=True))(p)
     assert not np.any(codes)
     # steps so small that no cable goes slack in another time step
     found = [taylor.slope(lambda p: end(p)[0], p, g, 0.05) for g in (gradient, 1.01 * gradient)]
@@ -406,7 +407,7 @@ def test_memory_settles_after_every_step(yielding):
 def test_derivatives_through_steps_with_memory(yielding):
     """By the force: every step depends on what the one before has left."""
 
-    @jax.jit
+    @traced
     @partial(jax.value_and_grad, has_aux=True)
     def end(force):
         system, (begun, masses) = pushed(yielding, force)
@@ -487,7 +488,7 @@ def test_beams_turn_over_large_angles():
     assert errors[1] < 2e-3
     assert errors[0] / errors[1] == pytest.approx(4, abs=0.2)
 
-    @jax.jit
+    @traced
     def tangents(begun, x):  # consistent masses have moments
         end = moving(system, begun, let_go(system, *still)[1], 0.05, damping=2.0, rho=0.6)
         residual, zero, _ = end.local_residual(x)

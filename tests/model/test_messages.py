@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import rules
 from messages import LINKS, NODES, ODD, REFUSED, SUSPICIOUS, Phase, analyse, cables, net, push, run
+from oracles.traced import traced
 from rooms import PACKAGE
 from rules import OTHERWISE, RULES
 
@@ -173,9 +174,9 @@ def test_a_number_that_is_refused_when_known_fails_when_traced(message, function
     jax.eval_shape(lambda: function(good))  # known, and not refused
     with pytest.raises(ValueError, match=message):
         function(bad)
-    traced = jax.jit(function)
-    assert not fails(traced(good))
-    assert fails(traced(bad))
+    within = traced(function)
+    assert not fails(within(good))
+    assert fails(within(bad))
 
 
 def calls(node, function=None):
@@ -225,7 +226,7 @@ def test_every_rule_has_a_row():
 # --- what a verdict does
 
 
-@jax.jit
+@traced
 @functools.partial(jax.value_and_grad, has_aux=True)
 def moved(load, cases):
     """How far the middle of two cables goes in some cases, those that fail left out."""
@@ -277,5 +278,5 @@ def test_other_analyses_fail_likewise(analyse):
         structure = rules.net(axial_stiffness=stiffness)
         return analyse(structure, jc.Phase(pretension=10.0, loads=rules.PULL)).status
 
-    codes = jax.jit(jax.vmap(one))(jnp.array([1e3, -1e3]))
+    codes = traced(jax.vmap(one))(jnp.array([1e3, -1e3]))
     assert codes.tolist() == [0, status.INVALID_INPUT]

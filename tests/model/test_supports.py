@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from oracles import stiffness_method as oracle
 from oracles.taylor import slope
+from oracles.traced import traced
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
@@ -121,7 +122,7 @@ def test_lateral_torsional_buckling_between_forks():
     structure = jc.replace(fork(n), elements=jc.Beams(chain(n), section=thin))
     unit = jc.NodalLoads([0, n], np.zeros((2, 3)), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
 
-    @jax.jit
+    @traced
     def lowest(moment):
         solution = jc.solve(structure, jc.Phase(loads=unit.scaled(moment)))
         tangent = jc.stiffness.tangent_of(structure, solution)
@@ -159,7 +160,7 @@ def test_a_bracket_of_a_guy():
     moment = np.array([0.5, 1.0, -0.3])
     structure = bracket(arm)
 
-    @jax.jit
+    @traced
     def solved(factor):
         loads = jc.NodalLoads([2], factor * load, moments=factor * moment)
         return jc.solve(structure, jc.Phase(loads=loads))
@@ -200,7 +201,7 @@ def test_a_cable_about_to_slacken_at_a_carried_node_has_no_derivative():
     guy = jc.Cables([[3, 2]], axial_stiffness=1e5)
     structure = jc.replace(arms, elements={**arms.elements, "guy": guy})
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def pushed(force):
         loads = jc.NodalLoads([1], jnp.array([1.0, 0.0, 0.0]) * force)
@@ -222,7 +223,7 @@ def test_gradients_through_arms_forks_and_springs():
     base = bracket(arm)
     hinges = np.array([[[False, True, True], [False, False, False]]])
 
-    @jax.jit
+    @traced
     @functools.partial(jax.value_and_grad, has_aux=True)
     def top(p):
         mast = jc.Beams([[0, 1]], section=BOX, up=(1.0, 0, 0), hinges=hinges, springs=1e4 * p[0])

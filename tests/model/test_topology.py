@@ -1,8 +1,8 @@
 """What goes on from a state has its topology, or is refused by the name of what differs."""
 
-import jax
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -79,7 +79,7 @@ def test_other_numbers_are_not(first):
     """Stiffness, places and weights may change; equilibrium is that of the new numbers."""
     moved = NODES + np.array([[0.0], [1.0], [0.0], [0.0]]) * 1e-3
     structure = net(nodes=moved, axial_stiffness=1.1e5, weight=3.0)
-    again = jax.jit(lambda start: jc.solve(structure, jc.Phase(loads=jc.SelfWeight()), start=start))
+    again = traced(lambda start: jc.solve(structure, jc.Phase(loads=jc.SelfWeight()), start=start))
     solution = again(first)
     assert solution.status == 0
     ends = np.asarray(solution.positions)[np.array(LINKS)]

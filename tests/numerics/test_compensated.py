@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 from jaxcable.elements.rebasing import elongation_and_moved_ends
 from jaxcable.numerics import compensated
@@ -28,7 +29,7 @@ def spread(rng, dtype, *shape, decades=8):
 
 def ways(function):
     """A function as it is, compiled, and element by element in a compiled batch."""
-    return function, jax.jit(function), jax.jit(jax.vmap(function))
+    return function, traced(function), traced(jax.vmap(function))
 
 
 def rational(values):
@@ -137,7 +138,7 @@ def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
     eps = float(np.finfo(dtype).eps)
     true = [longer(*at) for at in zip(*given, strict=True)]
     exactly = functools.partial(elongation_and_moved_ends, precise=jnp.ones((), bool))
-    for run in (jax.vmap(exactly), jax.jit(jax.vmap(exactly))):
+    for run in (jax.vmap(exactly), traced(jax.vmap(exactly))):
         found, places = run(*given)
         assert found.dtype == dtype and places.dtype == dtype
         worst = 0.0
@@ -172,7 +173,7 @@ def test_derivatives_of_elongations(n_end):
     def slope(t):
         return jax.jvp(along, (t,), (1.0,))[1]
 
-    terms = jax.jit(lambda t: (along(t), slope(t), 0.5 * jax.grad(slope)(t), jax.grad(along)(t)))
+    terms = traced(lambda t: (along(t), slope(t), 0.5 * jax.grad(slope)(t), jax.grad(along)(t)))
     start, first, second, back = map(float, terms(0.0))
     assert abs(back - first) <= 1e-12 * abs(first)
     steps = 1e-3 * 0.5 ** np.arange(4)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from oracles.traced import traced
 
 from jaxcable.numerics.implicit_root import TangentSolver, implicit_root
 from jaxcable.numerics.roots import bracketed_root
@@ -57,7 +58,7 @@ def without_loop(p):
 
 def derivatives(function, orders):
     """Value, gradient, Hessian by orders of the modes, third derivative, one program."""
-    return jax.jit(
+    return traced(
         lambda p: (
             function(p),
             jax.grad(function)(p),
@@ -80,7 +81,7 @@ def test_derivatives_in_every_order_of_the_modes(scan):
         np.testing.assert_allclose(own, hessian, rtol=1e-12)
     np.testing.assert_allclose(found[3], third, rtol=1e-11)
     # and the reference by differences: h^2, and rounding over h
-    h, slope = 1e-5, jax.jit(jax.grad(without_loop))
+    h, slope = 1e-5, traced(jax.grad(without_loop))
     difference = (slope(AT + h * ALONG) - slope(AT - h * ALONG)) / (2 * h)
     np.testing.assert_allclose(hessian @ ALONG, difference, rtol=1e-8)
 
@@ -89,9 +90,9 @@ def test_batches():
     def several(function):
         return lambda p: jnp.sum(jax.vmap(function)(jnp.stack([p, 2 * p])))
 
-    expected = jax.jit(jax.hessian(several(without_loop)))(AT)
-    np.testing.assert_allclose(jax.jit(jax.hessian(several(chain)))(AT), expected, rtol=1e-12)
-    found = jax.jit(jax.vmap(jax.hessian(chain)))(jnp.stack([AT, 2 * AT]))
+    expected = traced(jax.hessian(several(without_loop)))(AT)
+    np.testing.assert_allclose(traced(jax.hessian(several(chain)))(AT), expected, rtol=1e-12)
+    found = traced(jax.vmap(jax.hessian(chain)))(jnp.stack([AT, 2 * AT]))
     np.testing.assert_allclose(found[0] + 4 * found[1], expected, rtol=1e-11)
 
 

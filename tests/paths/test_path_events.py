@@ -7,6 +7,7 @@ import pytest
 import rods
 import scenes
 from banks.problems import INSTALLED
+from oracles.traced import traced
 from scenes.frames import in_plane, solid
 
 import jaxcable as jc
@@ -31,7 +32,7 @@ def test_a_load_that_follows_makes_no_bifurcation():
     held = np.ones((5, 3), bool)
     held[0, [0, 2]] = False
 
-    @jax.jit
+    @traced
     def both(p):
         def value(p):
             bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=p[0] * 1e4)
@@ -209,7 +210,7 @@ def test_a_dome_twists():
     assert path.events.names == ["bifurcation"] and float(path.events.alignment[0]) < 1e-6
     structure, (prestress, loading) = scenes.geiger_dome(load=500.0)
 
-    @jax.jit
+    @traced
     def lowest(factor):
         forces = factor * jnp.asarray(loading.loads.forces)
         load = jc.replace(loading, loads=jc.replace(loading.loads, forces=forces))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from banks.problems import SOLVERS, two_links
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import paths
@@ -206,7 +207,7 @@ def failure(p, until):
     return 500 * path.failure_load, path.status
 
 
-rates = jax.jit(jax.vmap(jax.value_and_grad(failure, has_aux=True)))
+rates = traced(jax.vmap(jax.value_and_grad(failure, has_aux=True)))
 
 
 def test_derivative_of_the_limit_load():
@@ -241,7 +242,7 @@ def test_derivative_of_a_failure_load_that_is_none():
 
 @pytest.mark.slow
 def test_second_derivatives_of_a_limit_load_are_nan():
-    second = jax.jit(jax.jacfwd(jax.jacrev(lambda p: failure(p, 1.0)[0])))(USUAL)
+    second = traced(jax.jacfwd(jax.jacrev(lambda p: failure(p, 1.0)[0])))(USUAL)
     assert np.isnan(second).all()  # exact at first order only, and says so
 
 
@@ -397,7 +398,7 @@ def test_a_corner_is_no_smooth_limit_point_beside_a_stiff_bar():
         path = jc.trace_path(*falling(area), through=False)
         return path.failure_load, path.status
 
-    (value, code), slope = jax.jit(jax.value_and_grad(load, has_aux=True))(1e-4)
+    (value, code), slope = traced(jax.value_and_grad(load, has_aux=True))(1e-4)
     assert int(code) == status.LIMIT_POINT
     assert abs(float(value) - 0.5) < 1e-9 and np.isnan(slope)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from banks import shapes
 from oracles.taylor import slope as taylor_slope
+from oracles.traced import traced
 from scipy import optimize, special
 
 import jaxcable as jc
@@ -164,7 +165,7 @@ def test_taylor_of_the_index():
 
     at = np.array([30.0, 3.0, 15.0, 3.0, 0.6, 1.2])
     gradient = jax.grad(index)(jnp.asarray(at))
-    value = jax.jit(index)
+    value = traced(index)
     assert taylor_slope(value, at, gradient) == pytest.approx(2.0, abs=0.05)
     assert taylor_slope(value, at, 1.1 * gradient) < 1.1  # control
     forward = jax.jacfwd(index)(jnp.asarray(at))
@@ -188,7 +189,7 @@ def test_batches_and_programs_give_the_same():
 
     means = jnp.array([10.0, 30.0, np.nan])
     (betas, codes), slopes = (
-        jax.jit(jax.vmap(jax.value_and_grad(index, has_aux=True)))(means)[0],
+        traced(jax.vmap(jax.value_and_grad(index, has_aux=True)))(means)[0],
         None,
     )
     np.testing.assert_allclose(betas, (means - 18) / 5, rtol=1e-13)
@@ -237,7 +238,7 @@ def test_a_step_into_failed_analyses_is_shortened():
 
 
 def test_traced_numbers_that_are_not_allowed():
-    found = jax.jit(lambda d: first_order(difference, {**PAIR, "R": Normal(30.0, d)}))(-3.0)
+    found = traced(lambda d: first_order(difference, {**PAIR, "R": Normal(30.0, d)}))(-3.0)
     assert found.status == status.INVALID_INPUT and np.isnan(found.beta)
 
 

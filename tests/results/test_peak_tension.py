@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.cli.solve import describe_largest_values
@@ -136,7 +137,7 @@ def test_failures_have_none():
 def test_the_larger_end_tension_differentiates():
     """Taylor test of the element by chord, stiffness, weight and unstressed length."""
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def there(p):
         group = jc.Catenaries([[0, 1]], axial_stiffness=EA * p[1], rest_length=370.0 * p[3])
@@ -163,7 +164,7 @@ def test_the_larger_end_tension_differentiates():
 def test_utilisation_differentiates():
     """Taylor test by stiffness, weight and strength."""
 
-    @jax.jit
+    @traced
     @functools.partial(jax.value_and_grad, has_aux=True)
     def there(p):
         stiffness, weight, strength = EA * p[0], WEIGHT * p[1], STRENGTH * p[2]

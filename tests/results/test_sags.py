@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from oracles.hanging_cable import HangingCable
 from oracles.taylor import TIGHT, slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import results
@@ -128,7 +129,7 @@ def test_batches_and_vmap_give_the_cases():
         ends = jc.forms.end_tensions(structure, state)
         np.testing.assert_allclose(ends[1], jc.forms.end_tensions(structure, single), rtol=1e-10)
     clear = results.clearance_to_plane(structure, batch, (0.0, 0.0, -500.0))
-    inside = jax.jit(
+    inside = traced(
         jax.vmap(lambda f: results.clearance_to_plane(structure, case(f), (0.0, 0.0, -500.0)).least)
     )(factors)
     np.testing.assert_allclose(clear.least, inside, rtol=1e-10)
@@ -275,9 +276,9 @@ def test_derivatives_of_sags_and_clearances():
 
         return of
 
-    every = jax.jit(lambda f: value(jnp.eye(8))(f))
-    jacobian = np.asarray(jax.jit(jax.jacfwd(lambda f: value(jnp.eye(8))(f)))(force))
-    reverse = np.asarray(jax.jit(jax.grad(lambda f: value(jnp.ones(8))(f)))(force))
+    every = traced(lambda f: value(jnp.eye(8))(f))
+    jacobian = np.asarray(traced(jax.jacfwd(lambda f: value(jnp.eye(8))(f)))(force))
+    reverse = np.asarray(traced(jax.grad(lambda f: value(jnp.ones(8))(f)))(force))
     np.testing.assert_allclose(reverse, jacobian.sum(axis=0), rtol=1e-8)
     for k, gradient in enumerate(jacobian):
         # places are functions of lower order; steps of 0.1 N to 1 N of 2 kN

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.fibres import LONG, REVERSIBLE, SECTIONS, STEEL_YIELD, law_sum, sizes
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -16,12 +17,12 @@ from jaxcable.sections import Section
 # --- equilibrium of the section
 
 
-@jax.jit
+@traced
 def solve(section, target):
     return section.strains(*target.T)
 
 
-@jax.jit
+@traced
 def tangents(section, strains):
     return section.forces_and_tangent(*strains.T)[1]
 
@@ -50,7 +51,7 @@ def solved(name):
     inside = law_sum(section, strains)
     # beyond what all fibres together can carry, whatever the strains
     outside = 1.01 * inside[:100] / (np.abs(inside[:100]) / sizes(section)).max(1, keepdims=True)
-    surface = jax.jit(lambda s: s.interaction(n_angle=10, n_axial=11))(section)
+    surface = traced(lambda s: s.interaction(n_angle=10, n_axial=11))(section)
     surface = np.stack([np.asarray(v).ravel() for v in surface], axis=1)
     target = np.concatenate([inside, outside, 0.999 * surface, 1.001 * surface])
     state = jax.tree.map(np.asarray, solve(section, target))
@@ -102,7 +103,7 @@ def test_interaction_of_a_perfectly_plastic_rectangle():
     """(N / Np)^2 + |M| / Mp = 1, within the error of fibres that pass through yield."""
     b, h, n = 0.1, 0.2, 40
     section = Section.rectangle(b, h, LONG, (1, n))
-    force, about_y, _ = jax.jit(lambda s: s.interaction(n_angle=2, n_axial=41))(section)
+    force, about_y, _ = traced(lambda s: s.interaction(n_angle=2, n_axial=41))(section)
     n_p, m_p = b * h * 235e6, b * h**2 / 4 * 235e6
     sum_ = (force[:, 0] / n_p) ** 2 + jnp.abs(about_y[:, 0]) / m_p
     # at the neutral axis one fibre of n is cut: an error of half its share in N, and of its
@@ -113,14 +114,14 @@ def test_interaction_of_a_perfectly_plastic_rectangle():
 
 def test_law_without_compression_does_not_bound_compression():
     section = Section.rectangle(0.1, 0.1, materials.strand(), (2, 2))
-    surface = np.stack(jax.jit(lambda s: s.interaction(n_angle=4, n_axial=5))(section), axis=-1)
+    surface = np.stack(traced(lambda s: s.interaction(n_angle=4, n_axial=5))(section), axis=-1)
     assert np.isinf(surface[0]).all() and np.isfinite(surface[1:]).all()
 
 
 def test_single_precision_stays_single():
     section = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), SECTIONS["steel rectangle"])
     target = (0.5 * sizes(SECTIONS["steel rectangle"]) * [0.3, 0.5, 0.2]).astype(np.float32)
-    state = jax.jit(lambda s, t: s.strains(*t))(section, target)
+    state = traced(lambda s, t: s.strains(*t))(section, target)
     assert int(state.status) == status.OK
     assert {v.dtype for v in state.strain} == {jnp.dtype("float32")}
     strain = np.array([state.strain], float)
@@ -133,7 +134,7 @@ def test_section_without_width_resists_what_it_can():
     """One column of fibres: no stiffness about z, so neither moment nor derivative there."""
     section = Section.rectangle(0.1, 0.2, REVERSIBLE, (1, 10))
 
-    @jax.jit
+    @traced
     def strains(target):
         state = section.strains(*target)
         return jnp.stack(state.strain)[:2], state.status
@@ -149,7 +150,7 @@ def test_section_without_width_resists_what_it_can():
 def test_zero_forces_and_too_few_iterations():
     section = SECTIONS["steel rectangle"]
     target = np.stack([np.zeros(3), 0.9 * FORCES * sizes(section)])
-    state = jax.jit(lambda t: section.strains(*t.T, max_steps=1))(target)
+    state = traced(lambda t: section.strains(*t.T, max_steps=1))(target)
     assert state.status.tolist() == [status.OK, status.SECTION_UNBALANCED]
     assert state.steps.tolist() == [0, 1]
     strain = np.stack(state.strain, axis=1)
@@ -189,7 +190,7 @@ def curvature(change):
     return scaled_strains(change)[0][1]
 
 
-@jax.jit
+@traced
 @jax.vmap
 def _forward(change):
     def twice(change):
@@ -206,7 +207,7 @@ def forward(changes):
     return tuple(np.asarray(v)[: len(changes)] for v in _forward(filled))
 
 
-@jax.jit
+@traced
 def backward(direction):
     """Gradient of the curvature, and its Hessian times a direction."""
     return jax.jvp(jax.grad(curvature), (np.zeros(15),), (direction,))
@@ -250,7 +251,7 @@ def test_failed_states_have_nan_derivatives_and_leave_others_alone():
     good = FORCES * sizes(section)
     batch = np.stack([good, 5 * good, good])
 
-    @jax.jit
+    @traced
     @jax.grad
     def gradient(scale, weights):
         state = section.strains(*(scale * batch).T)

@@ -15,6 +15,7 @@ from oracles.fibres import (
     sizes,
     tangent,
 )
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -43,10 +44,10 @@ def test_forces_of_an_elastic_section_are_exact():
     strains = np.random.default_rng(0).normal(size=(20, 3)) * 1e-3
     force = strains @ expected
     assert np.abs(forces(section, strains) - force).max() <= 1e-14 * np.abs(force).max()
-    energy, slope = jax.jit(jax.vmap(jax.value_and_grad(lambda v: section.energy(*v))))(strains)
+    energy, slope = traced(jax.vmap(jax.value_and_grad(lambda v: section.energy(*v))))(strains)
     assert np.allclose(energy, 0.5 * np.sum(strains * force, axis=1), rtol=1e-13)
     assert np.abs(slope - force).max() <= 1e-14 * np.abs(force).max()
-    found, own = jax.jit(lambda v: section.forces_and_tangent(*v.T))(strains)
+    found, own = traced(lambda v: section.forces_and_tangent(*v.T))(strains)
     assert np.abs(found - force).max() <= 1e-14 * np.abs(force).max()
     assert np.abs(own - expected[None]).max() <= 1e-14 * ea
 
@@ -54,7 +55,7 @@ def test_forces_of_an_elastic_section_are_exact():
 def test_exact_inertia_is_differentiable():
     """d(EI)/d(diameter) of a tube and a disc, by traced dimensions: pi (d^3 - d_i^3) / 16."""
 
-    @jax.jit
+    @traced
     @jax.jacrev
     def slopes(d):
         both = Section.ring(d, 0.01, ONE, (1, 6)), Section.disc(d, ONE, (2, 2))
@@ -65,7 +66,7 @@ def test_exact_inertia_is_differentiable():
     np.testing.assert_allclose(slopes(0.3), expected, rtol=1e-12)
 
 
-@jax.jit
+@traced
 def all_of(section, strains):
     """Forces, slope of the energy, forces again with their tangents."""
     slope = jax.vmap(jax.grad(lambda v: section.energy(*v)))(strains)
@@ -96,7 +97,7 @@ def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
     section = SECTIONS["concrete-filled tube"]
     e0, ky, kz = strains = np.random.default_rng(3).normal(size=(3, 2, 5)) * 1e-3
 
-    @jax.jit
+    @traced
     def each(section, v):
         return section.fibre_strain(*v), section.fibre_stress(*v), section.forces(*v)
 
@@ -115,7 +116,7 @@ def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
 def test_distance_of_the_nearest_fibre_from_a_corner():
     section = SECTIONS["concrete-filled tube"]
     strains = np.random.default_rng(4).normal(size=(30, 3)) * [1e-3, 5e-3, 5e-3]
-    got = jax.jit(lambda v: section.corner_distance(*v.T))(strains)
+    got = traced(lambda v: section.corner_distance(*v.T))(strains)
     y, z = np.asarray(section.y), np.asarray(section.z)
     e = strains[:, :1] + strains[:, 1:2] * z - strains[:, 2:] * y
     each = [
@@ -171,7 +172,7 @@ def test_moment_cycle_against_a_fibre_simulation():
         return settled, (force, jnp.stack(section.forces(*v, settled)))
 
     start = section.initial_memory()
-    _, (got, again) = jax.jit(lambda s: jax.lax.scan(increment, start, s))(strains)
+    _, (got, again) = traced(lambda s: jax.lax.scan(increment, start, s))(strains)
     update, memory, expected = kinematic(210e9, 2.1e9, 235e6), np.zeros(section.n_fibre), []
     for e0, ky, kz in strains:
         stress, memory = update(e0 + ky * z - kz * y, memory)
@@ -195,7 +196,7 @@ def test_strains_at_given_plastic_strains():
     # of the parallel part, which yields alone: E ep = (E - Et) p
     state = (jnp.asarray(memory)[:, None] * 210e9 / (210e9 - 2.1e9),)
 
-    @jax.jit
+    @traced
     def strains(target):
         found = section.strains(*target, state)
         return jnp.stack(found.strain), found.status
@@ -216,7 +217,7 @@ def test_strains_of_a_batch_do_not_forget_the_plastic_strains():
     section = Section.rectangle(0.1, 0.2, materials.steel(), (1, 2))
     p, force = 0.01 - STEEL_YIELD, np.array([1e6, -1e6])  # all fibres pulled to 0.01
     one, each = (np.full((2, 1), p),), (np.full((2, 2, 1), [[[p]], [[0.0]]]),)
-    found = jax.jit(lambda m: section.strains(force, 0 * force, 0 * force, m).strain[0])
+    found = traced(lambda m: section.strains(force, 0 * force, 0 * force, m).strain[0])
     # unloading: E e - (E - Et) p = N / A
     for memory, left in ((one, [p, p]), (each, [p, 0.0])):
         expected = (force / 0.02 + (210e9 - 2.1e9) * np.array(left)) / 210e9

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -155,7 +156,7 @@ def test_a_box_of_one_thickness():
     """A square tube in closed form, t a^3, and the derivative of its area, 4 t (a - t)."""
     square = Section.box(0.2, 0.2, 0.01, ONE)
     assert float(square.torsion[0]) == pytest.approx(0.01 * 0.19**3, rel=1e-14)
-    slope = jax.jit(jax.grad(lambda t: Section.box(0.2, 0.2, t, ONE, None, (2, 1, 2)).total_area))
+    slope = traced(jax.grad(lambda t: Section.box(0.2, 0.2, t, ONE, None, (2, 1, 2)).total_area))
     assert float(slope(0.01)) == pytest.approx(4 * (0.2 - 2 * 0.01), rel=1e-12)
 
 
@@ -174,7 +175,7 @@ def test_a_mesh_takes_cells_either_way_round(cells):
     assert section.area @ section.y == pytest.approx(2.0, rel=1e-15)
     assert section.area @ section.z == pytest.approx(1.0, rel=1e-15)
     area = jax.value_and_grad(lambda points: Section.mesh(points, cells, ONE).total_area)
-    value, gradient = jax.jit(area)(CORNERS)
+    value, gradient = traced(area)(CORNERS)
     assert value == 2
     # d(area)/d(point): half the diagonal opposite, turned by a right angle
     assert np.allclose(gradient, [[-0.5, -1], [0.5, -1], [0.5, 1], [-0.5, 1]], rtol=1e-15)
@@ -265,7 +266,7 @@ def test_bredt_of_a_ring_and_of_walls_of_two_thicknesses():
     for points, walls in ((box, [t, s, t, s]), (box[::-1], [t, s, t, s])):
         assert bredt_torsion(points, walls) == pytest.approx(exact, rel=1e-14)
     # traced: d/ds of it, by hand
-    slope = jax.jit(jax.grad(lambda s: bredt_torsion(box, jnp.array([t, s, t, s]))))(s)
+    slope = traced(jax.grad(lambda s: bredt_torsion(box, jnp.array([t, s, t, s]))))(s)
     assert float(slope) == pytest.approx(exact * (h / s**2) / (b / t + h / s), rel=1e-13)
 
 
@@ -288,13 +289,13 @@ def test_torsion_constants_add_up_about_one_centre_only():
     ):
         assert Section.composite(others).torsion is None
 
-    @jax.jit
-    def traced(d, y):
+    @traced
+    def torsion(d, y):
         core = Section.disc(d, ONE, (4, 4)).shifted(y=y)
         return Section.composite([tube, core]).torsion
 
-    assert np.allclose(traced(0.28, 0.0), wall + inner, rtol=EXACT)
-    assert np.isnan(traced(0.28, 1e-3)).all()
+    assert np.allclose(torsion(0.28, 0.0), wall + inner, rtol=EXACT)
+    assert np.isnan(torsion(0.28, 1e-3)).all()
 
 
 # --- the axis
@@ -328,7 +329,7 @@ def test_centroid_of_two_laws_is_weighted_by_stiffness():
     one, two = Section.rectangle(0.1, 0.1, soft), Section.rectangle(0.1, 0.1, stiff)
     section = Section.composite([one, two.shifted(z=0.2)])
     assert np.allclose(section.centroid(), [0, 0.15], rtol=EXACT, atol=1e-17)
-    stiffness = np.asarray(jax.jit(lambda s: s.centred().stiffness())(section))
+    stiffness = np.asarray(traced(lambda s: s.centred().stiffness())(section))
     assert np.abs(stiffness[0, 1:]).max() <= 1e-15 * stiffness[0, 0]
     # own 0.1^4 / 12, and 0.15 and 0.05 m of lever
     exact = 1e9 * 0.01 * (0.15**2 + 3 * 0.05**2) + 4e9 * 0.1**4 / 12
@@ -358,7 +359,7 @@ def test_a_beam_off_its_centroid_by_chance_is_warned_of():
     # the axial force of bars and cables has no axis to be off
     jc.Structure([[0.0, 0, 0], [3.0, 0, 0]], jc.Bars([[0, 1]], section=section), jc.pinned([0]))
     # and numbers that are traced are not looked at
-    jax.jit(lambda e: used(Section.mesh(mesh.points, [[0, 1, 2, 3]], jc.Elastic(e))).nodes)(1.0)
+    traced(lambda e: used(Section.mesh(mesh.points, [[0, 1, 2, 3]], jc.Elastic(e))).nodes)(1.0)
 
 
 # --- composites
@@ -371,7 +372,7 @@ def test_strand_with_a_soft_core():
     areas = np.pi / 4 * np.array([0.02**2, 0.05**2 - 0.02**2])
     e = np.array([-0.01, 0.004, 0.015])
 
-    @jax.jit
+    @traced
     def both(section, e):
         area, law = section.axial()
         return area, section.forces(e, 0 * e, 0 * e)[0], area * law.stress_at(e)
@@ -472,4 +473,4 @@ def test_bad_sections_are_refused(make, arguments, message):
 
 def test_outline_of_a_polygon_cannot_be_traced():
     with pytest.raises(ValueError, match="points: cannot be traced; use "):
-        jax.jit(lambda p: Section.polygon(p, None, ONE, 0.1).total_area)(np.array(SQUARE))
+        traced(lambda p: Section.polygon(p, None, ONE, 0.1).total_area)(np.array(SQUARE))

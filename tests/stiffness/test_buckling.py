@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from oracles.taylor import slope
+from oracles.traced import traced
 from scenes.frames import in_plane, solid
 
 import jaxcable as jc
@@ -88,7 +89,7 @@ def test_derivatives_by_prestress_and_load():
         return jnp.log(found.factor[0]) + jnp.where(solution.status == 0, 0.0, jnp.nan)
 
     batch = jnp.array([[1.0, 1.0], [1.0, 2.0], [1.5, 1.0]])
-    value, gradient = jax.jit(jax.vmap(jax.value_and_grad(log_factor)))(batch)
+    value, gradient = traced(jax.vmap(jax.value_and_grad(log_factor)))(batch)
     np.testing.assert_allclose(jnp.exp(value), [4.0, 2.0, 6.0], rtol=1e-6)
     expected = np.array([1.0, -1.0]) / np.asarray(batch)
     np.testing.assert_allclose(gradient, expected, atol=1e-6)  # 2e-8: the strut shortens
@@ -439,7 +440,7 @@ def test_the_lowest_of_all_roots(stable):
                 assert np.abs(left).max() < 1e-8 * np.abs(before @ mode).max() * float(f)
 
 
-@jax.jit
+@traced
 def lowest(shift, pair):
     before, after = pair + jnp.max(jnp.abs(pair)) * (shift - 1)
     return jnp.log(buckling._solve_buckling_problem(before, after, 1)[0][0])
@@ -450,7 +451,7 @@ def test_derivatives_of_a_pencil(stable):
     """Taylor test by all entries of both matrices, on both sides of which one is stable."""
     pair = jnp.asarray(np.stack(pencil(3, stable)))
     start = jnp.ones_like(pair)
-    gradient = jax.jit(jax.grad(lowest))(start, pair)
+    gradient = traced(jax.grad(lowest))(start, pair)
     assert bool(jnp.isfinite(gradient).all()) and float(jnp.abs(gradient).max()) > 0.1
 
     def value(shift):

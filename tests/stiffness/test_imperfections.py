@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from banks import problems
 from oracles.taylor import slope
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import stiffness
@@ -34,7 +35,7 @@ SIDEWAYS = np.zeros((2, 7, 3))
 SIDEWAYS[0, 1, 0] = SIDEWAYS[1, 1, 1] = 1.0
 
 
-@jax.jit
+@traced
 def pushed(amplitudes, load):
     """Solution of the strut with an imperfection (amplitudes [2], m) under a load on its top, N."""
     bent = stiffness.imperfect(STRUT, SIDEWAYS, amplitudes)
@@ -79,7 +80,7 @@ def test_an_imperfection_grows_as_the_buckling_load_says():
 def test_derivative_by_the_amplitude():
     """A Taylor test, and the closed form at no amplitude."""
 
-    @jax.jit
+    @traced
     @jax.value_and_grad
     def there(amplitudes):
         solution = pushed(amplitudes, 0.6 * CRITICAL)
@@ -187,7 +188,7 @@ def traced_modes(nodes):
         (lambda: stiffness.modes(STRUT, None, n=0), "n = 0: expected a whole number"),
         (lambda: stiffness.modes(STRUT, None), "state: expected a Solution or its .last"),
         (lambda: stiffness.tangent_of(STRUT, STRUT), "state: expected a Solution .* got Structure"),
-        (lambda: jax.jit(traced_modes)(STRUT.nodes), "state: is traced"),
+        (lambda: traced(traced_modes)(STRUT.nodes), "state: is traced"),
         (
             lambda: stiffness.tangent_of(
                 STRUT, pushed(jnp.zeros(2), 0.6 * CRITICAL), fixed=np.zeros((2, 3), bool)
