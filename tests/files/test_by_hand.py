@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from file_cases import CHECK, MAST, NODES, changed, read_scene
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.analysis.activation import make_activation

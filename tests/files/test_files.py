@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings
 from file_cases import CHECK, MAST, SCENES, changed, read_scene, require_same, scene_of
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common.tree import pytree

@@ -1,13 +1,22 @@
-"""Functions as they are within `jax.jit`, for tests that call them once or a few times."""
+"""Functions as they are within `jax.jit`, for tests that call them once or some dozen times."""
 
+import functools
+
+import jaxcable as jc
 from jaxcable.programs.program_calls import as_program
 
 
 def traced(function):
-    """Return a function that jax traces as with `jax.jit`, and NumPy evaluates until XLA pays.
+    """Return a function that jax traces as with `jax.jit`, and that NumPy evaluates.
 
-    To compile an analysis takes XLA longer than NumPy needs for some dozen calls. That compiled
-    programs give the same is shown by the tests of `tests/programs`, and of those that call
-    `jax.jit`.
+    XLA needs longer to compile an analysis than NumPy for some dozen calls. That compiled programs
+    give the same is shown by the tests of `tests/programs`, and by those that call `jax.jit`.
     """
-    return as_program(function)
+    program = as_program(function)
+
+    @functools.wraps(function)
+    def run(*arguments):
+        with jc.evaluation("numpy"):
+            return program(*arguments)
+
+    return run
