@@ -138,7 +138,7 @@ def line_counts():
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow_cases("flat_net")
+@pytest.mark.slow_cases("flat_net", "geiger_dome")
 @pytest.mark.parametrize("name", LINES)
 def test_programs_have_not_grown(name, line_counts):
     for count, most in zip(line_counts[name], LINES[name], strict=True):

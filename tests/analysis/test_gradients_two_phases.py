@@ -205,14 +205,9 @@ def taylor(kind, name):
     values, function, gradients = measured(kind)
     gradient, (p, size) = gradients[name], MEASURES[kind][1][name]
     wrong = gradient.at[(-1,) * gradient.ndim].add(1e-2 * jnp.abs(gradient).max())
-    known = {}
 
     def value(leaf):
-        """Both slopes are of the same values."""
-        key = np.asarray(leaf).tobytes()
-        if key not in known:
-            known[key] = function({**values, name: leaf})[0]
-        return known[key]
+        return function({**values, name: leaf})[0]
 
     return gradient, *(slope(value, p, own, size) for own in (gradient, wrong))
 

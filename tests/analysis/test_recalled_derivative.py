@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.analysis import one_phase, phase_loop, recalled_derivative
@@ -111,7 +112,7 @@ def scaled_net(scale):
 def test_transformations_of_linear_maps():
     """What `jax.linearize` and `jax.vjp` return, compiled, batched twice, transposed, later."""
     scale, change = np.array([0.1, 0.2]), np.array([1.0, 0.5])
-    exact = jax.jit(jax.jacfwd(scaled_net))(scale)
+    exact = traced(jax.jacfwd(scaled_net))(scale)
     found, push = jax.linearize(scaled_net, scale)
     ones, total = np.ones(found.shape), exact.sum((0, 1))
     pull = jax.vjp(scaled_net, scale)[1]

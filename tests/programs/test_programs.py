@@ -100,6 +100,9 @@ TRANSFORMATIONS = {
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow_cases(
+    *("value-frame", "vmap-frame", "value-hanging", "vmap-hanging", "vmap-slack")
+)
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(
     "transformation",
