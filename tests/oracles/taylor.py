@@ -24,7 +24,7 @@ _known = weakref.WeakKeyDictionary()
 
 
 def _remembered(value):
-    """The function, computed once at a point: a wrong gradient is tried at those of the right one."""
+    """The function, computed once at a point: wrong gradients are tried at the same points."""
     known = _known.setdefault(value, {})
 
     def value_at(p):
