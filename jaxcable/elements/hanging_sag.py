@@ -45,11 +45,11 @@ def midspan_sag(
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
-    size, soft, mean = _size_softness_and_mean(mid_length_tension, theta, load, stiffness)
-    return size * _sag_over_size(soft, mean, theta, _midspan_shift(soft, mean, theta))
+    size, soft, mean = _catenary_parameters(mid_length_tension, theta, load, stiffness)
+    return size * _sag_over_parameter(soft, mean, theta, _midspan_shift(soft, mean, theta))
 
 
-def _size_softness_and_mean(mid_length_tension, theta, load, stiffness):
+def _catenary_parameters(mid_length_tension, theta, load, stiffness):
     """Return a, e and m of the formulas above."""
     weight, unit = magnitude_and_direction(load)
     along = scalar_product(mid_length_tension, unit)
@@ -74,7 +74,7 @@ def _midspan_shift(soft, mean, theta):
     return middle * bracketed_root(balance, guess, *bracket)
 
 
-def _sag_over_size(soft, mean, theta, shift):
+def _sag_over_parameter(soft, mean, theta, shift):
     """Return the sag over a, from e, m, theta and g of the formulas above."""
     shape = jnp.cosh(mean) * cosh_minus_1(theta)
     shape = shape - 2 * jnp.sinh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
@@ -137,7 +137,7 @@ def _search_shape_at_sag(chord, load, stiffness, sag):
     guess = jnp.minimum(shallow, deep) - taut
     u = bracketed_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5)
     force, theta = hang(u)
-    size, soft, mean = _size_softness_and_mean(force, theta, load, stiffness)
+    size, soft, mean = _catenary_parameters(force, theta, load, stiffness)
     shape = jnp.stack([size, theta, mean, _midspan_shift(soft, mean, theta)])
     return jnp.expm1(-u), shape
 
@@ -159,7 +159,7 @@ def _mismatches_and_strain(shape, given):
         [
             2 * size * (soft * jnp.cosh(mean) * jnp.sinh(theta) + theta) / span - 1,
             (size * (2 * jnp.sinh(mean) * jnp.sinh(theta) + stretch) - along) / length,
-            size * _sag_over_size(soft, mean, theta, shift) / sag - 1,
+            size * _sag_over_parameter(soft, mean, theta, shift) / sag - 1,
             shift - soft * (jnp.sinh(mean) * cosh_minus_1(theta) - past_middle),
         ]
     )

@@ -433,7 +433,8 @@ def spans():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:elements.weight:jaxcable.InputWarning")  # EA/N = 1e6
+# the stiffest spans, with EA/N = 1e6, are doubted as if numbers were in other units: they are meant
+@pytest.mark.filterwarnings("ignore:elements.weight:jaxcable.InputWarning")
 def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     """From level to 79 degrees, from sag/l = 1/400 to 1, from EA/N = 1e6 to 1; in one analysis.
 
