@@ -25,7 +25,7 @@ def lines(phases):
     def deflection(nodes):
         return jc.solve(jc.replace(STRUCTURE, nodes=nodes), phases).displacement[3, 2]
 
-    function = traced(jax.value_and_grad(deflection))
+    function = jax.jit(jax.value_and_grad(deflection))
     return function.lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
 
 
