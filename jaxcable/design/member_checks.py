@@ -108,7 +108,7 @@ class _OnMembers(OnElements):
         return self.taken(structure, along)
 
 
-_OF_TUBES = "of circular sections the root of the sum of the squares of both terms of moments"
+_OF_TUBES = "of circular sections both moments, and both shear forces, add as vectors"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,8 +142,11 @@ class MemberSection(_OnMembers):
     of: Sequence[str] = ULTIMATE
     gamma_m0: Float[ArrayLike, ""] = 1.0
 
-    clause = "EN 1993-1-1:2005, 6.2.1 (7), 6.2.6, 6.2.8"
-    formula = f"N/N_Rd + My/My_Rd + Mz/Mz_Rd, or V/V_Rd; {_OF_TUBES}"
+    clause = "EN 1993-1-1:2005, 6.2.1 (7), 6.2.6, 6.2.8, 6.2.10"
+    formula = (
+        "N/N_Rd + My/My_Rd + Mz/Mz_Rd, with resistances reduced where V > V_Rd/2; or V/V_Rd; "
+        f"{_OF_TUBES}"
+    )
     units = _UNITS
     not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
 
@@ -186,7 +189,8 @@ class MemberBuckling(_OnMembers):
         factors: instead of lengths, the lowest buckling factor of the loads, from
             `stiffness.buckling_factor`; the same for all cases: the smallest of `buckling_factors`.
             The critical force is then ``N_ref + factor (N - N_ref)``, the same for elements that do
-            not take part in buckling, which is conservative.
+            not take part in buckling, which is conservative; N_ref where the loads relieve them,
+            which they are known to bear.
         reference: `Solution` or `State` that the factors refer to, whose forces are N_ref; None: 0.
         curves: buckling curves about y and z, table 6.2; or one for both.
         chi_lt: reduction of My for lateral torsional buckling; 1.0 for hollow sections, or where
@@ -223,7 +227,7 @@ class MemberBuckling(_OnMembers):
         f"N_b,Rd = min(chi_y, chi_z) A f_y/gamma_M1; {_OF_TUBES}"
     )
     units = _BUCKLING_UNITS
-    not_covered = "torsional buckling, lateral torsional buckling beyond chi_LT, class 4"
+    not_covered = "shear, torsional buckling, lateral torsional buckling beyond chi_LT, class 4"
 
     def __post_init__(self):
         super().__post_init__()
@@ -268,7 +272,7 @@ class MemberBuckling(_OnMembers):
             reference = jnp.zeros_like(pressed)
             if self.reference is not None:
                 reference = -self.taken(structure, self.reference.peak_tension)
-            critical = reference + self.factors * (pressed - reference)
+            critical = reference + self.factors * jnp.maximum(pressed - reference, 0.0)
             # tension at the critical load: no buckling; an unknown factor leaves NaN
             critical = [jnp.where(critical <= 0, jnp.inf, critical)] * 2
         else:

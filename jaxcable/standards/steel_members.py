@@ -188,11 +188,17 @@ def section_utilization(
 ) -> Float[Array, " ..."]:
     """Compute the utilization of cross-sections: ``N/N_Rd + My/My_Rd + Mz/Mz_Rd``, or shear.
 
-    The sum of utilizations is the conservative rule of 6.2.1 (7); moments on circular sections add
-    as a vector, as in 6.2.9.1 (6). Where a shear force is above half
-    of its resistance, the yield strength for the moment about the other axis is reduced by
-    ``(2 V/V_Rd - 1)^2`` (6.2.8). The result is the largest of the sum and of ``V/V_Rd`` along y and
-    z.
+    The sum of utilizations is the conservative rule of 6.2.1 (7). The result is the larger one of
+    it and of the utilization by shear, which is the larger one of ``Vy/Vy_Rd`` and ``Vz/Vz_Rd``.
+    Shear forces on circular sections add as a vector, and moments, too, as in 6.2.9.1 (6): the
+    result does not depend on the directions of y and z.
+
+    Where a shear force is above half of its resistance, its shear area has the yield strength
+    ``(1 - rho) f_y`` left, with ``rho = (2 V/V_Rd - 1)^2`` (6.2.8, 6.2.10). The resistance to N is
+    that of the area with this loss; moments lose the larger rho of both directions wholly, because
+    a flange or web resists moments about both axes (for the moment about the other axis this is on
+    the safe side). At and beyond V_Rd one thousandth is left, so that utilizations stay finite:
+    they grow with every force and have no jump.
 
     Args:
         forces: section forces N, Vy, Vz, T, My, Mz, [..., 6], N and N m. Torsion is not checked.
@@ -210,30 +216,47 @@ def section_utilization(
     """
     force = jnp.moveaxis(jnp.abs(jnp.asarray(forces)), -1, 0)
     strength = jnp.asarray(yield_strength) / gamma_m0
-    shear_y, shear_z = (
-        jnp.zeros(()) if area is None else force[k] / (area * strength / math.sqrt(3.0))
-        for k, area in ((1, section.Avy), (2, section.Avz))
+    areas = section.Avy, section.Avz
+    shear = [
+        jnp.zeros_like(one) if area is None else one / (area * strength / math.sqrt(3.0))
+        for one, area in zip(force[1:3], areas, strict=True)
+    ]
+    if section.circular:
+        areas, shear = _one_direction(areas, shear)
+    lost = [jnp.where(used > 0.5, jnp.minimum((2 * used - 1) ** 2, 1.0), 0.0) for used in shear]
+    lost_area = sum(rho * area for rho, area in zip(lost, areas, strict=True) if area is not None)
+    axial_part = jnp.maximum(1 - lost_area / section.A, _LEAST_PART)
+    bending_part = jnp.maximum(1 - jnp.maximum(*lost), _LEAST_PART)
+    bending_y, bending_z = (
+        force[k] / (modulus * strength * bending_part)
+        for k, modulus in ((4, section.Wy), (5, section.Wz))
     )
-    bending_y = force[4] / (section.Wy * strength * _left_by_shear(shear_z))
-    bending_z = force[5] / (section.Wz * strength * _left_by_shear(shear_y))
     bending = combined_bending(bending_y, bending_z, section)
-    together = force[0] / (section.A * strength) + bending
-    return jnp.maximum(together, jnp.maximum(shear_y, shear_z))
+    together = force[0] / (section.A * strength * axial_part) + bending
+    return jnp.maximum(together, jnp.maximum(*shear))
 
 
-def _left_by_shear(shear):
-    """Return which part of the yield strength bending has left beside shear (6.2.8 (3))."""
-    # beyond the full resistance nothing is left; the utilization is that of shear then
-    lost = jnp.where(shear > 0.5, (2 * shear - 1) ** 2, 0.0)
-    return jnp.where(lost < 1, 1 - lost, jnp.inf)
+_LEAST_PART = 1e-3
+"""Part of a resistance that is left beside a shear force of V_Rd and more."""
+
+
+def _one_direction(areas, shear):
+    """Return areas and utilizations in the direction of the shear force on a circular section."""
+    area = next((one for one in areas if one is not None), None)
+    return (area, None), (vector_sum(*shear), jnp.zeros_like(shear[0]))
 
 
 def combined_bending(
     about_y: Float[Array, " ..."], about_z: Float[Array, " ..."], section: SteelSection
 ) -> Float[Array, " ..."]:
     """Return the utilization by both moments from those by each, for a `SteelSection`."""
-    if not section.circular:
-        return about_y + about_z
-    square = about_y**2 + about_z**2
-    bent = square > 0  # without moments the root has no derivative
-    return jnp.where(bent, jnp.sqrt(jnp.where(bent, square, 1.0)), 0.0)
+    return vector_sum(about_y, about_z) if section.circular else about_y + about_z
+
+
+def vector_sum(
+    along_y: Float[Array, " ..."], along_z: Float[Array, " ..."]
+) -> Float[Array, " ..."]:
+    """Return the length of vectors from their components; that of zero has the derivative zero."""
+    square = along_y**2 + along_z**2
+    acts = square > 0
+    return jnp.where(acts, jnp.sqrt(jnp.where(acts, square, 1.0)), 0.0)
