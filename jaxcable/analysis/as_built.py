@@ -16,6 +16,10 @@ the lengths of cables between ends that do not move,
 the weight w: those of parabolas where cables are taut, and lengths in proportion to the sag where
 they hang deep. The derivative of the lengths is that of an implicit root. (Derived for this
 package.)
+
+The end tension of straight elements is a jack's, whose analysis needs no search, unless the
+structure does not stand under constant forces: three equal guys push a hinged tower over, but hold
+it by their lengths. Then these are found, too (`topples_under_jacks`).
 """
 
 from __future__ import annotations
@@ -34,9 +38,11 @@ from ..common.selection import only
 from ..common.tree import copy_with, replace
 from ..common.types import Array, Float, Int
 from ..elements.abilities import Sagging
+from ..elements.prestress import call_each_element
 from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
+from ..model.plausibility import largest_movement
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..programs.program_calls import as_program
@@ -68,12 +74,15 @@ def with_lengths_as_built(
     method: Newton | Incremental | None,
     start: Solution | State | None,
     run: Run,
+    straight: bool = False,
 ) -> tuple[list[Phase], Int[Array, ""] | None]:
     """Return phases with strains in place of what they state as built, and a status.
 
     Args:
         structure, phases, method, start: as for `solve`.
         run: function that analyses phases without such statements, as `solve` does.
+        straight: whether end tensions of straight elements are met by lengths, too, and not by
+            jacks.
 
     Returns:
         The phases, with derivatives by all arguments; and OK, NOT_AS_BUILT if no lengths are found,
@@ -87,18 +96,35 @@ def with_lengths_as_built(
     if not any(are_as_built(phase, hangs) for phase in phases):
         return phases, None
     with checks.without_warnings():
-        stated = stated_as_built(structure, phases, start)
+        stated = stated_as_built(structure, phases, start, straight=straight)
     if not stated:  # an end tension of straight elements is a jack's
         return phases, None
     prepare(structure, phases, method, start)  # for its warnings, which name what is stated
     with checks.without_warnings():
-        found, code, errors = _with_found_lengths(structure, phases, method, start, run, stated)
+        found, code, errors = _with_found_lengths(
+            structure, phases, method, start, run, stated, straight
+        )
     if errors is not None and int(code) == status.NOT_AS_BUILT:
         checks.warn_user(describe_unmet(stated, np.asarray(errors)))
     return found, code
 
 
-def _with_found_lengths(structure, phases, method, start, run, stated):
+def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
+    """Return whether end tensions of straight elements, as of jacks, have tipped a structure over.
+
+    So it is if the analysis has failed, the end is unstable, or a node has moved by half the extent
+    of the structure. Nothing is known of a `solution` that is traced: False.
+    """
+    stands = all(phase.end_tension is None for phase in phases)
+    if stands or isinstance(solution.status, jax.core.Tracer):
+        return False
+    if int(solution.status) != status.OK or not bool(solution.stable):
+        return True
+    _, moved, extent = largest_movement(solution)
+    return moved > 0.5 * extent
+
+
+def _with_found_lengths(structure, phases, method, start, run, stated, straight):
     """Return the phases with the strains that are found, a status, and the errors that are left.
 
     `stated` is the list of what is `Stated`, one at least. The errors, [n], are None if traced.
@@ -107,7 +133,7 @@ def _with_found_lengths(structure, phases, method, start, run, stated):
     arguments = structure, _first_phases(structure, phases, last, start), method, start
     known = without_derivatives(arguments)
     concrete = is_top_level_call(jax.tree.leaves(known))
-    m, code, left = _find_unknowns(known, run, concrete)
+    m, code, left = _find_unknowns(known, run, concrete, straight)
     leaves, tree = jax.tree.flatten(arguments)
     if concrete and not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
         return _with_strains(structure, phases, stated, m), code, left
@@ -118,7 +144,7 @@ def _with_found_lengths(structure, phases, method, start, run, stated):
         for k, value in zip(moving, values, strict=True):
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
-        given = structure, phases, stated_as_built(structure, phases, start)
+        given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
         return _errors(run(structure, _with_strains(*given, m), method, start), *given)
 
     values = [leaves[k] for k in moving]
@@ -162,9 +188,14 @@ def _with_strains(structure, phases, stated, m):
             continue
         every = phase.statements(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
+        found_here = {one.group for one in stated if one.phase == k}
         jacks = [
-            None if isinstance(group, Sagging) else end_tension_as_jack(own).get("jacking")
-            for group, own in zip(structure.groups, every, strict=True)
+            own.get("jacking") if number in found_here else end_tension_as_jack(own).get("jacking")
+            for number, own in enumerate(every)
+        ]
+        jacks = [
+            None if isinstance(group, Sagging) else jack
+            for group, jack in zip(structure.groups, jacks, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
             cables = structure.groups[one.group]
@@ -231,6 +262,9 @@ def _guess(structure, stated):
     parts = []
     for one in stated:
         cables = structure.groups[one.group]
+        if not isinstance(cables, Sagging):
+            parts.append(_lengths_of_straight(cables, one.elements, one.values))
+            continue
         chord, span, stiffness, weight = _spans(structure, cables, one.elements)
         tension = one.values
         if one.name == "horizontal_tension":
@@ -241,6 +275,14 @@ def _guess(structure, stated):
         xp = checks.numpy_or_jax(slope, tension, stiffness)
         parts.append(0.5 * xp.log1p(2 * slope) - xp.log1p(tension / stiffness))
     return checks.numpy_or_jax(parts).concatenate(parts).astype(structure.nodes.dtype)
+
+
+@as_program
+def _lengths_of_straight(group, elements, tension):
+    """Return the logarithms of unstressed lengths over chords of elements under a tension, [n]."""
+    every = jnp.zeros(len(group.links), tension.dtype).at[elements].set(tension)
+    strain = call_each_element("strain_at", group, every, group.initial_memory())
+    return -jnp.log1p(strain[elements])
 
 
 # --- equations
@@ -281,7 +323,7 @@ _MEASURES: dict[str, Callable[[ElementShapes], Any]] = {
 # --- the search
 
 
-def _find_unknowns(arguments, run, concrete):
+def _find_unknowns(arguments, run, concrete, straight):
     """Return the unknowns, [n], without derivatives, a status, and the errors that are left, [n].
 
     `arguments` are structure, phases, method and start. `concrete` says that all numbers are known:
@@ -289,7 +331,7 @@ def _find_unknowns(arguments, run, concrete):
     it is one loop of the program that is traced.
     """
     structure, phases, method, start = arguments
-    stated = stated_as_built(structure, phases, start)
+    stated = stated_as_built(structure, phases, start, straight=straight)
     given = structure, phases, stated
 
     def phases_of(m):

@@ -1,4 +1,4 @@
-"""What phases state as built of hanging cables, read from the phases and checked."""
+"""What phases state as built, read from the phases and checked."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .statements import AS_BUILT_STATEMENTS, are_as_built
 
 
 class Stated(NamedTuple):
-    """What a phase states as built of hanging cables of one group.
+    """What a phase states as built of cables, or bars, of one group.
 
     Attributes:
         phase, group: indices.
@@ -70,12 +70,14 @@ def stated_as_built(
     phases: Sequence[Phase],
     start: Solution | State | None = None,
     before: int = 0,
+    straight: bool = False,
 ) -> list[Stated]:
     """Return what phases state as built of hanging cables.
 
     Args:
         structure, phases, start: as for `solve`.
         before: number of phases before these, for messages.
+        straight: whether end tensions of straight elements are meant, too.
 
     Raises:
         ValueError: as of `Phase.statements`; a stated sag where no load acts along the cables.
@@ -88,9 +90,10 @@ def stated_as_built(
         statements = phase.statements(structure, path) if are_as_built(phase) else ()
         for number, own in enumerate(statements):
             cables: Any = structure.groups[number]
+            names = (*AS_BUILT_STATEMENTS, "jacking")
             if not isinstance(cables, Sagging):
-                continue
-            for name in (*AS_BUILT_STATEMENTS, "jacking"):
+                names = ("end_tension",) if straight else ()
+            for name in names:
                 if name not in own:
                     continue
                 chosen = _chosen(own[name], len(cables.links))

@@ -1,6 +1,8 @@
 """Newton's method for unknown lengths, whose equations are results of analyses.
 
-A step that does not reduce the largest error, or that an analysis does not follow, is halved.
+A step is halved if an analysis does not follow, or if the step that the errors at its end would
+ask for, with the Jacobian at its beginning, is not shorter (the natural test of Deuflhard, Newton
+Methods for Nonlinear Problems, 2004, 3.3): errors of stiff and of soft directions count as lengths.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ class Iterate(NamedTuple):
         unknowns: logarithms of lengths over chords, [n]; the best ones so far.
         step: Newton's step from them, [n].
         part: part of it that is tried next.
-        size: largest error there.
-        errors: all errors there, [n].
+        errors: errors there, [n].
+        jacobian: their derivative, [n, n].
         code: status, once it has ended.
         tries: number of analyses.
         done: whether the search has ended.
@@ -39,8 +41,8 @@ class Iterate(NamedTuple):
     unknowns: Float[Array, " n"]
     step: Float[Array, " n"]
     part: Float[Array, ""]
-    size: Float[Array, ""]
     errors: Float[Array, " n"]
+    jacobian: Float[Array, "n n"]
     code: Int[Array, ""]
     tries: Int[Array, ""]
     done: Bool[Array, ""]
@@ -69,7 +71,8 @@ def search(
     still: Any = np.zeros(guess.shape, guess.dtype)
     zero: Any = np.zeros((), np.int32)
     unknown, going_on = still + np.nan, zero != 0
-    state = Iterate(guess, still, one, np.inf * one, unknown, zero, zero, going_on)
+    matrix: Any = np.eye(len(still), dtype=guess.dtype)
+    state = Iterate(guess, still, one, unknown, matrix, zero, zero, going_on)
 
     def advance(state):
         return _advance(state, tol, *evaluate(state.unknowns + state.part * state.step))
@@ -88,9 +91,12 @@ def _advance(state, tol, errors, jacobian, code):
 
     Errors and step below `tol` end the search.
     """
-    newton, _ = linear.solve_general(_with_idle_unknowns(jacobian), -errors)
+    jacobian = _with_idle_unknowns(jacobian)
+    newton, _ = linear.solve_general(jacobian, -errors)
+    after, _ = linear.solve_general(state.jacobian, -errors)
     size, longest = jnp.max(jnp.abs(errors)), jnp.max(jnp.abs(newton))
-    good = jnp.isfinite(longest) & (code == status.OK) & (size <= state.size)
+    shorter = jnp.max(jnp.abs(after)) <= (1 - state.part / 4) * jnp.max(jnp.abs(state.step))
+    good = jnp.isfinite(longest) & (code == status.OK) & (shorter | (state.tries == 0))
     # quadratic convergence: what is left after this step is its square
     close = good & (jnp.maximum(size, longest) < tol)
     failed = ~good & (state.tries == 0)
@@ -103,8 +109,8 @@ def _advance(state, tol, errors, jacobian, code):
         jnp.where(close, tried + newton, unknowns),
         jnp.where(good, newton, state.step),
         jnp.where(good, jnp.minimum(1.0, _LONGEST_STEP / longest), 0.5 * state.part),
-        jnp.where(good, size, state.size),
         jnp.where(good | (state.tries == 0), errors, state.errors),
+        jnp.where(good, jacobian, state.jacobian),
         jnp.where(close, status.OK, jnp.where(done, wrong, state.code)).astype(jnp.int32),
         tries,
         done,

@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 
 from ..common import checks
 from ..common.progress import Increment, as_listener
-from ..common.status import first_failure
+from ..common.status import OK, first_failure
 from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
-from .as_built import with_lengths_as_built
+from .as_built import topples_under_jacks, with_lengths_as_built
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
@@ -86,7 +86,7 @@ def solve(
         -14600.0 N/m
     """
     listen = as_listener(progress)
-    phases, found = phases_with_lengths(structure, phases, method, start)
+    stated, (phases, found) = phases, phases_with_lengths(structure, phases, method, start)
     # prestress as built has been prepared as it is stated: messages have named that
     with checks.without_warnings() if found is not None else contextlib.nullcontext():
         task = prepare(structure, phases, method, start, to_end=True)
@@ -101,8 +101,18 @@ def solve(
         listen=listen,
         bundles=task.bundles,
     )
+    if topples_under_jacks(phases, solution):
+        by_lengths, found = phases_with_lengths(structure, stated, method, start, straight=True)
+        if int(found) == OK:
+            return solve(
+                *(structure, by_lengths, method),
+                start=start,
+                differentiate_path=differentiate_path,
+                progress=progress,
+            )
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
+    plausibility.warn_of_collapse(solution)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task)
     return arrange_solution(structure, solution, task)
@@ -116,13 +126,14 @@ def phases_with_lengths(
     phases: Phase | Sequence[Phase] | None,
     method: Newton | Incremental | None,
     start: Solution | State | None,
+    straight: bool = False,
 ) -> tuple[list[Phase], Int[Array, ""] | None]:
     """Return phases without prestress as built: with the strains that it comes to, and a status.
 
-    Arguments are as of `solve`, the result is that of `as_built.with_lengths_as_built`.
+    Arguments are as of `solve`; `straight` and the result are of `as_built.with_lengths_as_built`.
     """
 
     def run(structure, phases, method, start):
         return solve(structure, phases, method, start=start)
 
-    return with_lengths_as_built(structure, phases, method, start, run)
+    return with_lengths_as_built(structure, phases, method, start, run, straight)

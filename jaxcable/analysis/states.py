@@ -85,11 +85,8 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
     system = system_at_last(frame, restart, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
-    beside, within = _spread_derivative_marks(system, marks)
 
-    def summed(values, marked=True):  # a hinged end passes its force to its node
-        if marked and marks is not None:
-            values = values + beside[:, None]
+    def summed(values):  # a hinged end passes its force to its node
         if dof_map.node_of_row is None:
             return values
         return jnp.zeros_like(values[:n_node]).at[dof_map.node_of_row].add(values)
@@ -97,9 +94,14 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
     displacement = restart.motion[:n_node, :3]
     seen = evaluate_output(system, motion) if last_output is None else last_output
     found = {name: seen.by_name[name] for name in (*seen.of_ends, "end_forces")}
-    reactions = summed(system.reactions(motion, found.pop("end_forces")))
-    follow = system.followers is not None or any(group.slides for group in groups)
-    load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
+    reactions = system.reactions(motion, found.pop("end_forces"))
+    load = _acting_loads(system, motion)
+    if marks is not None:
+        reactions = reactions + marks.of_forces
+        if system.followers is not None or any(group.slides for group in groups):
+            load = load + _marks_beside(system, marks.of_rows)[:, None]
+        found = _with_marks(system, marks, found)
+    reactions, load = summed(reactions), summed(load)
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
@@ -112,34 +114,34 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
         fixed=None,
         rotation=space.rotations(restart.motion[:n_node]),
         reaction_moments=space.moments(reactions),
-        **fields_of_element_results({name: within(values) for name, values in found.items()}),
+        **fields_of_element_results(found),
     )
 
 
-def _spread_derivative_marks(system, marks):
-    """Extend marks of nodes without derivative to elements and to nodes that share one with them.
+def _marks_of_elements(system, marks):
+    """Return marks of rows, [n_row], summed over the ends of elements, [n_elem] per group."""
+    return [jnp.sum(at, axis=1) for at in system.gather_at_ends(marks)]
 
-    Marks are zeros whose derivative is NaN where there is none (`marks` [n_row], or None).
 
-    Returns:
-        beside: marks of every row and of the rows that share an element with it, [n_row], or None.
-        within: function that adds its marks to every element's results, a list of arrays
-            [n_elem, ...] or None.
-    """
-    if marks is None:
-        return None, lambda parts: parts
-    of_elements = [jnp.sum(at, axis=1) for at in system.gather_at_ends(marks)]
-    pairs = zip(of_elements, system.groups, strict=True)
+def _marks_beside(system, marks):
+    """Return marks of rows, [n_row], with those of the rows that share an element with them."""
+    pairs = zip(_marks_of_elements(system, marks), system.groups, strict=True)
     ends = [jnp.broadcast_to(mark[:, None], group.links.shape) for mark, group in pairs]
-    beside = marks + system.sum_at_rows(ends)
+    return marks + system.sum_at_rows(ends)
 
-    def within(parts):
-        return [
+
+def _with_marks(system, marks, found):
+    """Return results of elements by name, [n_elem, ...] or None per group, with their marks."""
+    declared, of_elements = system.results(), _marks_of_elements(system, marks.of_rows)
+    marked = {}
+    for name, parts in found.items():
+        is_force = declared[name].unit.startswith("N")
+        own = [marks.of_forces] * len(parts) if is_force else of_elements
+        marked[name] = [
             None if part is None else part + mark.reshape(-1, *(1,) * (part.ndim - 1))
-            for part, mark in zip(parts, of_elements, strict=True)
+            for part, mark in zip(parts, own, strict=True)
         ]
-
-    return beside, within
+    return marked
 
 
 def _acting_loads(system, motion):

@@ -88,8 +88,9 @@ class CompressionOnly(Straight):
 
         def unstressed():
             strain = self.strain(state, ends, motion)
-            rounding = 4 * jnp.finfo(strain.dtype).eps * jnp.abs(state.elongation)
-            return jnp.abs(strain) <= rounding / state.rest_length
+            # elongation and displacements cancel there, and each is rounded
+            size = jnp.abs(state.elongation) + jnp.sum(jnp.abs(motion))
+            return jnp.abs(strain) <= 4 * jnp.finfo(strain.dtype).eps * size / state.rest_length
 
         return jack_value_or(state, jnp.zeros((), bool), unstressed)
 

@@ -31,8 +31,8 @@ class AxialState(ElementState):
         jack_force: force that a jack prescribes during a phase, [n_elem], N, or None.
         jacked: which elements have a jack, [n_elem] bool; None: all of them, or no `jack_force`.
         loaded_length: unstressed length on which weight and loads per unstressed length act,
-            [n_elem], m: at the reference temperature, because heat adds no mass, and including
-            what a jack has pulled in. None: `rest_length`.
+            [n_elem], m: at the reference temperature, because heat adds no mass, and, in the phase
+            of a jack, before it pulls. None: `rest_length`.
         thermal_stretch: unstressed length over that at the reference temperature, [n_elem], ``1 +
             expansion sum(dt)`` over the changes of temperature since then; None in a group without
             thermal expansion. The reference temperature is that before the first phase, or that at
@@ -86,6 +86,15 @@ class Prestressed(Prestressable):
         if self.weight is None:
             return None
         return state.zero_where_absent(self.weight * state.load_bearing_length)
+
+    def weighed_anew(self, state: AxialState) -> AxialState:
+        """Return the state at the start of a phase: weight and loads act on the unstressed length.
+
+        In the phase of a jack they act on the length before, and from then on on that which it has
+        left, however the force was stated.
+        """
+        stretch = 1.0 if state.thermal_stretch is None else state.thermal_stretch
+        return copy_with(state, loaded_length=state.rest_length / stretch)
 
     @abc.abstractmethod
     def strain_at(

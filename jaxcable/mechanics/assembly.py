@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Rounding, TensionElement, is_one_sided
+from ..elements.abilities import Rounding, TensionElement
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
@@ -24,6 +24,7 @@ from ..spaces.dof_map import reference_rows
 from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
 from ..spaces.translations import append_low_part, drop_low_part
 from .elementwise import Elementwise, PerGroup, evaluate_elements
+from .kinks import Slackened, find_slackened, slacken
 from .load_stacks import ActiveFollowers
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -352,18 +353,13 @@ class System(Elementwise):
             stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
-    def is_at_kink(self, motion: Motion) -> Bool[Array, ""]:
-        """Return whether a cable or contact at a free node is exactly at its kink, scalar bool.
+    def find_slackened(self, motion: Motion) -> Slackened:
+        """Return which elements loose nodes can slacken, for derivatives: see `kinks`."""
+        return find_slackened(self, motion)
 
-        Those whose law has history variables go slack at other strains and do not count.
-        """
-        found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
-        for group, state in zip(self.groups, self.states, strict=True):
-            if is_one_sided(group) and not group.has_memory:
-                moves = jnp.any(free[group.links], axis=(1, 2))
-                kink = evaluate_elements("at_kink", group, state, self.nodes, motion)
-                found = found | jnp.any(kink & moves)
-        return found
+    def slacken(self, released: list[Bool[Array, " n_elem"] | None]) -> System:
+        """Return the system with `released` elements slack, [n_elem] bool per group or None."""
+        return slacken(self, released)
 
     @property
     def may_be_convex(self) -> bool:

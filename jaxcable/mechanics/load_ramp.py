@@ -22,6 +22,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import interpolate, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
+from ..elements.prestress import Prestressed
 from ..elements.statement import StatedValues
 from ..loads.varying import Amplitude
 from ..spaces import space_of
@@ -139,6 +140,8 @@ class LoadRamp:
         for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
             end_state = jack = None
             known = statements_of(group)
+            if isinstance(group, Prestressed):
+                state = group.weighed_anew(state)
             if "jacking" in statements:
                 force = evaluate_elements("tension", group, state, nodes, restart.motion)
                 jack = (force, statements["jacking"])

@@ -80,6 +80,31 @@ def warn_if_unstable(solution: Any) -> None:
             )
 
 
+def largest_movement(solution: Any) -> tuple[int, float, float]:
+    """Return the node of a `Solution` that has moved farthest, how far, and the extent, m.
+
+    The extent is the largest side of the bounding box of the nodes before.
+    """
+    moved, now = map(np.asarray, (solution.displacement, solution.positions))
+    sizes = np.linalg.norm(moved, axis=1)
+    node = int(np.nanargmax(sizes)) if np.isfinite(sizes).any() else 0
+    return node, float(sizes[node]), float(np.ptp(now - moved, axis=0).max())
+
+
+@issues_warnings
+def warn_of_collapse(solution: Any) -> Iterator[str]:
+    """Warn of a node that has moved by the extent of the structure, unless numbers are traced."""
+    if isinstance(solution.status, jax.core.Tracer):
+        return
+    node, moved, extent = largest_movement(solution)
+    if moved > extent > 0:
+        yield (
+            f"node {node} has moved by {moved:.4g} m, and the extent of the structure is "
+            f"{extent:.4g} m: it has fallen over, or hangs; are all parts held, and are forces and "
+            "lengths in N and m?"
+        )
+
+
 @issues_warnings
 def warn_of_lost_precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
     """Warn of nodes in double precision if JAX works in single precision."""

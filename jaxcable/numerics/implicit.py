@@ -8,7 +8,7 @@ to any order. Results without a valid derivative get NaN, never a silent zero.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,18 @@ from .nan_marks import nan_unless_valid
 Tree = TypeVar("Tree")
 System: TypeAlias = Any
 """`mechanics.assembly.System`, which cannot be imported here: it stands on this room."""
+
+
+class DerivativeMarks(NamedTuple):
+    """Zeros whose derivative is NaN where that of an equilibrium is not defined.
+
+    Attributes:
+        of_rows: for the motion of every row, [n_row].
+        of_forces: for all forces of elements, which do not depend on nodes without stiffness.
+    """
+
+    of_rows: Float[Array, " n_row"]
+    of_forces: Float[Array, ""]
 
 
 def stop_gradient_unless(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
@@ -64,13 +76,13 @@ def attach_derivative_with_marks(
 ) -> tuple[
     Float[Array, "n_row n_motion"],
     Float[Array, "n_row n_motion"],
-    Float[Array, " n_row"],
+    DerivativeMarks,
     dict[str, Any],
 ]:
     """Attach the implicit derivative to an equilibrium, and mark where it is not defined.
 
     The derivative is not defined at nodes without stiffness, and at a cable exactly between taut
-    and slack.
+    and slack, unless such nodes can slacken it (`mechanics.kinks`).
 
     Args:
         system: the differentiable `System`, whose equilibrium it is.
@@ -83,16 +95,16 @@ def attach_derivative_with_marks(
     Returns:
         x: the equilibrium, with derivative NaN where it is not defined.
         bare: the equilibrium, with derivative zero where it is not defined.
-        marks: zero for every row of motion, [n_row], with derivative NaN where that of the row is
-            not defined. Results are computed from `bare`, and the marks are added at the end: a NaN
-            in a product would be multiplied by zero in second derivatives and spread everywhere.
+        marks: `DerivativeMarks`. Results are computed from `bare`, and the marks are added at the
+            end: a NaN in a product would be multiplied by zero in second derivatives and spread
+            everywhere.
         results: the results with their derivatives at `bare`.
     """
     x = lax.stop_gradient(x)
     _, numbers, back = system.local_residual(system.with_support_rotations(x))
     # Marks are further unknowns beside the root. A NaN in the root itself would enter the residual
     # there, where second derivatives would multiply it by zero.
-    start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
+    start = jnp.concatenate([numbers, jnp.zeros_like(numbers), jnp.zeros(1, numbers.dtype)])
     known = results or {}
     problem = split_indices((system, x, valid, factored, tol, limit))
 
@@ -101,61 +113,75 @@ def attach_derivative_with_marks(
 
     solver = TangentSolver(_solve_tangent, _solve_adjoint)
     found, known = implicit_root(equation, start, problem, solver, known)
-    found, mark = jnp.split(found, 2)
+    found, mark, of_forces = _split_unknowns(found)
     if not numbers.size:  # nothing is free: the point depends on supports only, not on the root
-        return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype), known
+        nothing = jnp.zeros(system.nodes.shape[0], x.dtype)
+        return back(numbers), back(numbers), DerivativeMarks(nothing, jnp.zeros((), x.dtype)), known
     number, numbering = system.dof_map.unknown_of_dof, system.dof_map.unknown_assembly
     if numbering is None:
         marks = linear.append_zero(mark)[number]
     else:  # whose transpose needs no scatter
         marks = numbering.apply_transpose(mark).reshape(number.shape)
-    marks = jnp.sum(marks, axis=1)
+    marks = DerivativeMarks(jnp.sum(marks, axis=1), of_forces[0])
     return back(found + mark), back(found), marks, known
+
+
+def _split_unknowns(values):
+    """Return the parts of a vector [2 n + 1]: unknowns, their marks, and that of forces."""
+    count = len(values) // 2
+    return jnp.split(values, (count, 2 * count))
 
 
 def _residual_and_results(found, problem, names):
     """Return the equations of which `implicit_root` takes the derivative, and results of elements.
 
     Args:
-        found: step of the unknowns and marks, [2 n].
+        found: step of the unknowns, then the marks, [2 n + 1].
         problem: the split arguments of `attach_derivative_with_marks`.
         names: names of the results.
 
     Returns:
-        The residual after the step, then the marks, which are zero at the root, [2 n]; the results
-        there.
+        The residual after the step, then the marks, which are zero at the root, [2 n + 1]; the
+        results there.
     """
     system, x, *_ = merge_indices(*problem)
-    step, marks = jnp.split(found, 2)
+    system = system.slacken(system.find_slackened(x).released)
+    step, *marks = _split_unknowns(found)
     begin = system.impose_supports(system.with_support_rotations(x))
     residual, results = system.after_step(begin, step, *names)
-    return jnp.concatenate([residual, marks]), {name: results[name] for name in names}
+    return jnp.concatenate([residual, *marks]), {name: results[name] for name in names}
 
 
 def _solve_tangent(problem, _, both):
-    """Return ``K^-1 b`` for the tangent K, and marks, NaN for undefined unknowns, together [2 n].
+    """Return ``K^-1 b`` for the tangent K, and marks, NaN where undefined, together [2 n + 1].
 
     `both` are b and the marks on the right side.
     """
-    b, mark = jnp.split(both, 2)
-    answer, unknown = _factorize_tangent(problem).solve_with_marks(b)
-    return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
+    b, mark, of_forces = _split_unknowns(both)
+    factor = _factorize_tangent(problem)
+    answer, unknown = factor.solve_with_marks(b)
+    # what loose nodes do has no influence on forces
+    fails = jnp.any(unknown & ~factor.loose)
+    marks = jnp.where(unknown, jnp.nan, mark), jnp.where(fails, jnp.nan, of_forces)
+    return jnp.concatenate([answer, *marks])
 
 
 def _solve_adjoint(problem, _, both):
-    """Return ``K^-T b`` and marks, together [2 n]; nothing is assembled where b is zero."""
-    b, mark = jnp.split(both, 2)
+    """Return ``K^-T b`` and marks, [2 n + 1]; nothing is assembled where b is zero."""
+    b, *marks = _split_unknowns(both)
     answer = lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
-    return jnp.concatenate([answer, mark])
+    return jnp.concatenate([answer, *marks])
 
 
 def _factorize_tangent(problem):
     """Return the factor of the tangent stiffness of `problem`; of NaN where it is not smooth."""
     system, x, valid, *known = merge_indices(*lax.stop_gradient(problem))
+    slackened = system.find_slackened(x)
+    system = system.slacken(slackened.released)
     matrix = linear.identity_unless(system.tangent(x), valid)
-    matrix = linear.nan_unless(matrix, ~(system.is_at_kink(x) & valid))
+    matrix = linear.nan_unless(matrix, ~(slackened.at_kink & valid))
     loose = system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown] & valid
     return linear.factorize(matrix, loose, *known)
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.traced import traced
-from scipy.optimize import brentq
+from scipy.optimize import brentq, fsolve
 
 import jaxcable as jc
 from tests.oracles import elastic_cable, taylor
@@ -330,6 +330,64 @@ def test_straight_elements_take_an_end_tension_as_a_jack():
         assert other.status == jc.status.OK
         np.testing.assert_array_equal(other.rest_length, jack.rest_length)
         np.testing.assert_array_equal(other.tension, [500.0, 500.0])
+
+
+# feet of three guys, not at one level, and height of a tower on a hinge; ft and lb
+AROUND = np.radians([0, 120, 240])
+FEET = np.stack([56 * np.cos(AROUND), 56 * np.sin(AROUND), [0, -2, 2]], axis=1)
+HEIGHT = 70.0
+
+
+def tower(kind):
+    nodes = [[0.0, 0, 0], [0, 0, HEIGHT], *FEET]
+    guys = kind([[2, 1], [3, 1], [4, 1]], axial_stiffness=1e6)
+    elements = {"tower": jc.Bars([[0, 1]], axial_stiffness=1e12), "guys": guys}
+    return jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4]))
+
+
+def top_by_statics(tensions):
+    """Where the moments of three tensions about the foot are zero; the tower is rigid."""
+
+    def top(p):
+        return np.array([*p, np.sqrt(HEIGHT**2 - p @ p)])
+
+    def moments(p):
+        along = FEET - top(p)
+        pulls = tensions[:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+        return np.cross(top(p), pulls.sum(axis=0))[:2]
+
+    return top(fsolve(moments, [0.1, 0.1], xtol=1e-14))
+
+
+@pytest.mark.parametrize("kind", [jc.Cables, jc.Catenaries])
+def test_equal_guys_hold_a_hinged_tower_by_their_lengths(kind):
+    """Under three constant forces it would fall over; by lengths it leans 2.88 ft, and is stable.
+
+    1e-6 of the height: the tensions are met to 1e-8, and a lean is 1e2 times as sensitive.
+    """
+    tensions, change = np.full(3, 400.0), np.array([1.0, -2.0, 0.5])
+
+    def top(tensions):
+        solution = jc.solve(tower(kind), jc.Phase(end_tension={"guys": tensions}))
+        return solution.positions[1], (solution.status, solution.stable)
+
+    place, (code, stable) = top(tensions)
+    assert int(code) == 0 and bool(stable)
+    expected = top_by_statics(tensions)
+    np.testing.assert_allclose(place, expected, atol=1e-6 * HEIGHT)
+    assert 2.8 < np.hypot(*expected[:2]) < 2.9
+    rate = jax.jvp(lambda t: top(t)[0], (jnp.asarray(tensions),), (jnp.asarray(change),))[1]
+    near = (
+        top_by_statics(tensions + 1e-3 * change) - top_by_statics(tensions - 1e-3 * change)
+    ) / 2e-3
+    np.testing.assert_allclose(rate, near, rtol=1e-4)
+
+
+def test_what_falls_over_under_a_jack_is_warned_of():
+    """Forces that do not hold the tower: it ends below its foot, in a stable equilibrium."""
+    with pytest.warns(jc.InputWarning, match="node 1 has moved by 97.* fallen over"):
+        solution = jc.solve(tower(jc.Cables), jc.Phase(jacking={"guys": 400.0}))
+    assert int(solution.status) == 0 and float(solution.positions[1, 2]) < 5.0
 
 
 def test_files_keep_what_is_stated(tmp_path):

@@ -1,0 +1,194 @@
+"""Elements between taut and slack: where they have no derivative, and where they can slacken.
+
+Nodes that only slack cables hold can be anywhere, and the iteration often leaves them where one of
+their cables is just as long as its unstressed length, or has a tension below the tolerance of
+equilibrium. This is a kink of the force of that cable, but no kink of the structure: the node can
+move so that the cable is slack, and no force depends on it. Derivatives are those of the structure
+in which such elements are slack.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.deferred import deferred
+from ..common.tree import copy_with
+from ..common.types import Array, Bool, Float
+from ..elements.abilities import is_one_sided
+from ..elements.prestress import AxialState
+from ..spaces.space import Motion
+from ..spaces.translations import drop_low_part
+from .elementwise import evaluate_elements
+
+if TYPE_CHECKING:
+    from .assembly import System
+
+_MOST_STEPS = 100
+"""Steps of the search for a movement, each of which can add one element to those it slackens."""
+
+_LEAST_RATE = 1e-9
+"""Shortening over the movement of the nodes below which it is rounding."""
+
+_FAINT = 1e-9, 1e-4
+"""Tension over the largest one below which it is rounding: ten times the tolerances of equilibrium
+in double and in single precision."""
+
+_SLACKENING = 1e-3
+"""Strain by which released elements are slack; no derivative depends on it."""
+
+
+class Slackened(NamedTuple):
+    """What happens to elements at their kinks, for derivatives.
+
+    Attributes:
+        released: which elements loose nodes can slacken, [n_elem] bool for each group, or None.
+        at_kink: whether another element at a free node is at its kink, scalar bool.
+    """
+
+    released: list[Bool[Array, " n_elem"] | None]
+    at_kink: Bool[Array, ""]
+
+
+def find_slackened(system: System, x: Motion) -> Slackened:
+    """Find which elements of a system at a motion of all rows can slacken: `Slackened`.
+
+    An element is at its kink if its strain is zero up to rounding. Those whose law has history
+    variables go slack at other strains and do not count. All is traced where a derivative is taken.
+    """
+    counted = [is_one_sided(group) and not group.has_memory for group in system.groups]
+    places = [k for k, own in enumerate(counted) if own and _is_straight(system, k)]
+    if not any(counted):
+        return Slackened([None] * len(counted), jnp.zeros((), bool))
+    nothing = [jnp.zeros(len(system.groups[k].links), bool) for k in places]
+    find = deferred(lambda *at: _find(*at, places), (nothing, jnp.zeros((), bool)))
+    found, at_kink = find(*lax.stop_gradient((system, x)))
+    released: list[Any] = [None] * len(counted)
+    for k, own in zip(places, found, strict=True):
+        released[k] = own
+    return Slackened(released, at_kink)
+
+
+def slacken(system: System, released: list[Bool[Array, " n_elem"] | None]) -> System:
+    """Return a system at the same motion, with a smaller elongation of `released` elements."""
+    states = list(system.states)
+    for k, (group, own) in enumerate(zip(system.groups, released, strict=True)):
+        if own is not None:
+            state: Any = states[k]
+            sign = 1.0 if group.tension_only else -1.0
+            shift = sign * _SLACKENING * lax.stop_gradient(state.rest_length)
+            elongation = state.elongation - jnp.where(own, shift, 0.0)
+            states[k] = copy_with(state, elongation=elongation)
+    return copy_with(system, states=states)
+
+
+def _find(system, x, places):
+    """Return which elements of the groups `places` are released, and whether another kinks."""
+    kinked = _elements_at_kinks(system, x)
+    faint = _elements_with_faint_tension(system, x, places)
+    counted = [own | kinked[k] for own, k in zip(faint, places, strict=True)]
+    nothing = [jnp.zeros_like(own) for own in faint]
+    search = deferred(lambda *at: _released(*at, places), nothing)
+    released = nothing
+    if places:
+        released = lax.cond(_any(counted), search, lambda *_: nothing, system, x, counted)
+    for k, own in zip(places, released, strict=True):
+        kinked[k] = kinked[k] & ~own
+    return released, _any(kinked)
+
+
+def _any(masks):
+    """Return whether any entry of arrays, or None, is true, scalar bool."""
+    return jnp.any(jnp.stack([jnp.any(own) for own in masks if own is not None] or [False]))
+
+
+def _is_straight(system, k):
+    """Return whether the elements of a group are straight pieces between two nodes."""
+    group = system.groups[k]
+    is_axial = isinstance(system.states[k], AxialState) and not group.shaped_by_load
+    return is_axial and group.links.shape[1] == 2
+
+
+def _elements_at_kinks(system, x):
+    """Return which elements at free nodes are at their kinks, [n_elem] bool or None per group."""
+    found, free, x = [], system.dof_map.movable_dofs(), drop_low_part(x)
+    for group, state in zip(system.groups, system.states, strict=True):
+        own = None
+        if is_one_sided(group) and not group.has_memory:
+            moves = jnp.any(free[group.links], axis=(1, 2))
+            own = evaluate_elements("at_kink", group, state, system.nodes, x) & moves
+        found.append(own)
+    return found
+
+
+def _elements_with_faint_tension(system, x, places):
+    """Return which elements of the groups `places` are taut by less than the tolerance, [n_elem].
+
+    This is part of the largest tension of these elements.
+    """
+    at = [(system.groups[k], system.states[k], system.nodes, x) for k in places]
+    sizes = [jnp.abs(evaluate_elements("tension", *own)) for own in at]
+    largest = jnp.max(jnp.concatenate(sizes)) if sizes else 0.0
+    limit = _FAINT[x.dtype.itemsize < 8] * largest
+    return [(size > 0) & (size <= limit) for size in sizes]
+
+
+def _released(system, x, counted, places):
+    """Return which of the `counted` elements of the groups `places` slacken as loose nodes move.
+
+    Loose nodes have only slack and counted elements. Either there is a movement of them that
+    shortens all counted elements that end there, or these can be stressed against each other
+    (Gordan's theorem): then none is released. The movement is the point next to zero of the convex
+    hull of the forces that the elements exert on the nodes, found by Gilbert's algorithm (SIAM J.
+    Control 4, 1966, p. 61).
+    """
+    idle = system.slack(x)
+    for k, own in zip(places, counted, strict=True):
+        idle[k] = idle[k] | own
+    loose = system.nodes_without_stiffness(x, idle)
+    mask = loose[system.dof_map.row_of_unknown]
+    groups = [system.groups[k] for k in places]
+    sizes = [len(group.links) for group in groups]
+    at_ends = system.gather_at_ends(system.nodes + x[:, :3])
+    signs = [1.0 if group.tension_only else -1.0 for group in groups]
+    along = jnp.concatenate(
+        [sign * _from_first_end(at_ends[k]) for k, sign in zip(places, signs, strict=True)]
+    )
+    along = along / jnp.sqrt(jnp.sum(along**2, axis=1, keepdims=True))
+    ends = jnp.concatenate([group.links for group in groups])
+    counted = jnp.concatenate(counted) & jnp.any(loose[ends], axis=1)
+
+    def movement(force):  # of the unknowns, by forces along the elements
+        pulls = jnp.stack([force, -force], axis=1)[..., None] * along[:, None, :]
+        at_rows = jnp.zeros((len(system.nodes), 3), x.dtype).at[ends].add(pulls)
+        return jnp.where(mask, system.space.restrict(system.space.pad_moments(at_rows), x), 0.0)
+
+    def shortening(step):
+        moved = system.space.prolong(x, step)[:, :3][ends]
+        rate = -jnp.sum(_from_first_end(moved) * along, axis=1)
+        return jnp.where(counted, rate, jnp.inf)
+
+    def improve(state):
+        step, _, count = state
+        longest = jnp.argmin(shortening(step))
+        towards = movement(jnp.zeros(len(along), x.dtype).at[longest].set(1.0)) - step
+        size = jnp.vdot(towards, towards)
+        part = jnp.clip(-jnp.vdot(towards, step) / jnp.where(size > 0, size, 1.0), 0.0, 1.0)
+        step = step + part * towards
+        return step, jnp.min(shortening(step)), count + 1
+
+    step = movement(counted / jnp.maximum(jnp.sum(counted), 1))
+    state = step, jnp.min(shortening(step)), 0
+    _, rate, _ = lax.while_loop(
+        lambda state: (state[1] <= _LEAST_RATE) & (state[2] < _MOST_STEPS), improve, state
+    )
+    released = counted & (rate > _LEAST_RATE)
+    starts = [sum(sizes[:k]) for k in range(len(sizes))]
+    return [released[a : a + n] for a, n in zip(starts, sizes, strict=True)]
+
+
+def _from_first_end(values: Float[Array, "n_elem 2 3"]) -> Float[Array, "n_elem 3"]:
+    """Return the values of second ends less those of first ends."""
+    return values[:, 1] - values[:, 0]
