@@ -90,7 +90,7 @@ def stated_as_built(
         statements = phase.statements(structure, path) if are_as_built(phase) else ()
         for number, own in enumerate(statements):
             cables: Any = structure.groups[number]
-            names = (*AS_BUILT_STATEMENTS, "jacking")
+            names: tuple[str, ...] = (*AS_BUILT_STATEMENTS, "jacking")
             if not isinstance(cables, Sagging):
                 names = ("end_tension",) if straight else ()
             for name in names:

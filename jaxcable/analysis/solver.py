@@ -103,7 +103,7 @@ def solve(
     )
     if topples_under_jacks(phases, solution):
         by_lengths, found = phases_with_lengths(structure, stated, method, start, straight=True)
-        if int(found) == OK:
+        if found is not None and int(found) == OK:
             return solve(
                 *(structure, by_lengths, method),
                 start=start,

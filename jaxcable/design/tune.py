@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.as_built_statements import refuse_as_built
+from ..analysis.as_built_statements import stated_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
 from ..analysis.sensitivity import MeasuredAnalysis
 from ..analysis.solution import Solution, State
@@ -189,7 +189,6 @@ def tune(
         0.07 mm ()
     """
     phases = as_phases(structure, phases)
-    refuse_as_built(structure, phases, "tune")
     if not isinstance(targets, Target | list | tuple):
         given = checks.describe_type(targets, "Target(...)")
         raise ValueError(f"targets: expected a list of Target, got {given}")
@@ -205,7 +204,8 @@ def tune(
 
     listen, solution, spent = as_listener(progress), None, np.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
-    pressing = replace_cables_by_bars(structure) if smooth and start is None else None
+    plain = smooth and start is None and not stated_as_built(structure, phases)
+    pressing = replace_cables_by_bars(structure) if plain else None
     if pressing is not None:
         found = seeks(pressing, values)
         spent = found.steps
@@ -269,8 +269,10 @@ def _make_search(phases_with, targets, bounds, method, start, options):
 
     def seek(structure, values):
         flat = flat_vector(values)
-        given = structure, phases_with(values), [t.value for t in targets], bounds, start
-        if not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
+        phases = phases_with(values)
+        given = structure, phases, [t.value for t in targets], bounds, start
+        whole = stated_as_built(structure, phases, start)  # their lengths are found in `solve`
+        if whole or not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
 
             def residuals(values):
                 solution = solve(structure, phases_with(values), method, start=start)

@@ -63,7 +63,7 @@ def find_slackened(system: System, x: Motion) -> Slackened:
     if not any(counted):
         return Slackened([None] * len(counted), jnp.zeros((), bool))
     nothing = [jnp.zeros(len(system.groups[k].links), bool) for k in places]
-    find = deferred(lambda *at: _find(*at, places), (nothing, jnp.zeros((), bool)))
+    find = deferred(lambda system, x: _find(system, x, places), (nothing, jnp.zeros((), bool)))
     found, at_kink = find(*lax.stop_gradient((system, x)))
     released: list[Any] = [None] * len(counted)
     for k, own in zip(places, found, strict=True):

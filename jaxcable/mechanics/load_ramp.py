@@ -22,7 +22,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import interpolate, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
-from ..elements.prestress import Prestressed
+from ..elements.prestress import AxialState, Prestressed
 from ..elements.statement import StatedValues
 from ..loads.varying import Amplitude
 from ..spaces import space_of
@@ -140,7 +140,7 @@ class LoadRamp:
         for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
             end_state = jack = None
             known = statements_of(group)
-            if isinstance(group, Prestressed):
+            if isinstance(group, Prestressed) and isinstance(state, AxialState):
                 state = group.weighed_anew(state)
             if "jacking" in statements:
                 force = evaluate_elements("tension", group, state, nodes, restart.motion)

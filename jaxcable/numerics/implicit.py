@@ -119,10 +119,10 @@ def attach_derivative_with_marks(
         return back(numbers), back(numbers), DerivativeMarks(nothing, jnp.zeros((), x.dtype)), known
     number, numbering = system.dof_map.unknown_of_dof, system.dof_map.unknown_assembly
     if numbering is None:
-        marks = linear.append_zero(mark)[number]
+        of_dofs = linear.append_zero(mark)[number]
     else:  # whose transpose needs no scatter
-        marks = numbering.apply_transpose(mark).reshape(number.shape)
-    marks = DerivativeMarks(jnp.sum(marks, axis=1), of_forces[0])
+        of_dofs = numbering.apply_transpose(mark).reshape(number.shape)
+    marks = DerivativeMarks(jnp.sum(of_dofs, axis=1), of_forces[0])
     return back(found + mark), back(found), marks, known
 
 

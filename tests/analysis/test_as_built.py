@@ -419,11 +419,32 @@ def test_paths_take_an_end_tension_of_straight_elements():
             ValueError, match=rf"phases\[0\].{name}\['guys'\]: trace_path takes no prestress"
         ):
             jc.trace_path(mast(), phase)
-        target = jc.design.Target(of="tension", value=15e3, at=0, on="guys")
-        with pytest.raises(
-            ValueError, match=rf"phases\[0\].{name}\['guys'\]: tune takes no prestress"
-        ):
-            jc.design.tune(mast(), phase, [(0, "shortening")], [target])
+
+
+@pytest.mark.slow
+def test_jacked_guys_are_tuned():
+    """Their forces hold a post on a hinge upright under a push: moments about its foot by hand."""
+    elements = {
+        "post": jc.Bars([[0, 1]], axial_stiffness=60e6),
+        "guys": jc.Catenaries([[2, 1], [3, 1], [4, 1]], axial_stiffness=15e6, weight=12.0),
+    }
+    feet = [[30.0, 0.0, 0.0], [-15.0, 26.0, 0.0], [-15.0, -26.0, 0.0]]
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 40.0], *feet]
+    structure = jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4]))
+    push = np.array([500.0, 200.0, -5e3])
+    phase = jc.Phase(
+        jacking={"guys": np.full(3, 15e3)}, loads=[jc.SelfWeight(), jc.NodalLoads([1], push)]
+    )
+    upright = [jc.design.Target("positions", 0.0, at=(1, k), within=1e-3) for k in (0, 1)]
+    tuned = jc.design.tune(structure, phase, [(0, "jacking")], upright)
+    assert int(tuned.status) == 0 and all(bool(met) for met in tuned.met)
+    solution = tuned.solution
+    pulls = np.asarray(solution.reactions[2:])  # at the feet, at the lower ends
+    forces = np.asarray(tuned.values[0]["guys"])
+    np.testing.assert_allclose(np.linalg.norm(pulls, axis=1), forces, rtol=1e-9)
+    weight = 12.0 * np.asarray(solution.rest_length["guys"])[:, None] * DOWN
+    at_top = push - np.sum(-pulls - weight, axis=0)
+    assert np.abs(at_top[:2]).max() < 1e-3 / 40.0 * 3 * 15e3  # what the allowed lean makes
 
 
 @pytest.mark.slow
