@@ -18,6 +18,12 @@ from ..common.checks import InputWarning
 from ..common.tree import replace
 from ..common.units import SI
 from ..files import save_scene
+from ..model.result_parts import (
+    named_groups_of,
+    present_elements,
+    slack_elements,
+    values_per_group,
+)
 from ..reporting.load_descriptions import range_text
 from ..scenes import Scene
 from . import inputs, outputs
@@ -33,6 +39,8 @@ that move alike. Half the width halves that, but makes the maximum less smooth.
 _ROUNDING = 1e-9  # relative to a limit: two analyses of the same numbers differ by less
 _NO_PRESTRESS = 1e-9
 """Sum of the pretensions over that of the start below which the optimum has none."""
+_MOST_NAMED = 12
+"""Largest number of slack elements of a group that are named."""
 _MEANING = (
     "pretension: the force that a cable would have in the drawn geometry; it fixes the cutting "
     "length, and is not the jacking force"
@@ -104,6 +112,8 @@ def run(options: Namespace) -> None:
         f"pretension {range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
         f"final axial forces {range_text(solution.last.peak_tension, 'N', units)}",
         *limits,
+        _describe_movement(solution, number, shown),
+        *_describe_slack_elements(structure, solution),
         *_describe_exceeded_strength(structure, solution),
         _MEANING,
     ]
@@ -264,6 +274,27 @@ def _zero_rounding_errors(pretension, start):
     """Return pretensions, [n], N, with zero for those that are rounding errors beside the start."""
     pretension = np.asarray(pretension, float)
     return np.where(np.abs(pretension) <= _NO_PRESTRESS * np.abs(start).max(), 0.0, pretension)
+
+
+def _describe_movement(solution, number, units):
+    """Return a line on how far phase `number`, which has the pretension, moves the drawn form."""
+    moved = solution.phases[number].displacement
+    _, where = inputs.largest_displacement(moved, units)
+    return f"the pretension moves the form in phase {number + 1} by up to {where}"
+
+
+def _describe_slack_elements(structure, solution):
+    """Return lines on the slack elements of each group at the end of all phases."""
+    forces = values_per_group(structure, solution.tension)
+    there = present_elements(structure, solution.present)
+    lines = []
+    for (name, group), force, present in zip(named_groups_of(structure), forces, there, strict=True):
+        slack = np.flatnonzero(slack_elements(group, force, present))
+        if len(slack):
+            shown = ", ".join(map(str, slack[:_MOST_NAMED])) + (", ..." * (len(slack) > _MOST_NAMED))
+            words = f"{len(slack)} of {len(force)} in {name!r}" if name else f"{len(slack)} of them"
+            lines.append(f"SLACK at the end: elements {shown} ({words})")
+    return lines
 
 
 def _describe_exceeded_strength(structure, solution):
