@@ -8,6 +8,7 @@ bytecode, and by all values that it can reach. Processes agree on all digests.
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import functools
@@ -183,7 +184,7 @@ def _definition_parts(value) -> Iterator[Any]:
     """
     if isinstance(value, types.ModuleType):
         yield value.__name__  # attributes are parts of the functions that read them
-    elif isinstance(value, types.FunctionType | type) and _is_of_library(value.__module__):
+    elif isinstance(value, types.FunctionType | type) and is_of_library(value.__module__):
         package = sys.modules.get((value.__module__ or "").partition(".")[0])
         yield from (value.__module__, value.__qualname__, getattr(package, "__version__", ""))
     elif isinstance(value, types.FunctionType):
@@ -192,7 +193,8 @@ def _definition_parts(value) -> Iterator[Any]:
             with contextlib.suppress(ValueError):  # a variable that has no value yet
                 yield cell.cell_contents
         names = _names_in_code(value.__code__)
-        yield from _named_values(names, {**sys.modules, **value.__globals__}, frozenset())
+        space = collections.ChainMap(value.__globals__, sys.modules)
+        yield from _named_values(names, space, frozenset())
     elif isinstance(value, types.CodeType):
         yield from (value.co_code, value.co_exceptiontable, value.co_consts, value.co_names)
         yield from (value.co_argcount, value.co_flags, value.co_varnames, value.co_freevars)
@@ -244,19 +246,24 @@ def _named_values(names, space, seen):
         value = space[name]
         yield from (name, value)
         if isinstance(value, types.ModuleType) and value.__name__ not in seen:
-            if not _is_of_library(value.__name__):
+            if not is_of_library(value.__name__):
                 yield from _named_values(names, vars(value), seen | {value.__name__})
 
 
-def _is_of_library(module):
+def is_of_library(module: str | None) -> bool:
     """Tell whether a module is Python's, of this package, or of an installed library."""
     package = (module or "builtins").partition(".")[0]
     if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
         return True
     file = getattr(sys.modules.get(package), "__file__", None)
+    return file is not None and os.path.realpath(file).startswith(_library_folders())
+
+
+@functools.cache
+def _library_folders():
+    """Return the folders of installed libraries."""
     folders = (sysconfig.get_path(name) for name in ("purelib", "platlib"))
-    below = tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
-    return file is not None and os.path.realpath(file).startswith(below)
+    return tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
 
 
 def _digest_of_array(value):

@@ -1,0 +1,124 @@
+"""A function is looked at in every call: nothing that it reads from outside is out of date."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.common import status
+from tests.banks.captured import WAYS
+
+COUNT = len(WAYS)
+X = {"x": jc.reliability.Normal(0.0, 1.0)}
+
+
+def set_all(value):
+    """Set what is read in all ways to three different values around `value`; return them."""
+    values = [value + k % 3 for k in range(COUNT)]
+    for (_, write), own in zip(WAYS.values(), values, strict=True):
+        write(own)
+    return values
+
+
+def read_all():
+    return jnp.stack([jnp.asarray(read(), float) for read, _ in WAYS.values()])
+
+
+def one_case(x):
+    return x * read_all()
+
+
+def one_named_case(case):
+    return {"r": case["x"] * read_all()}
+
+
+def loss(x):
+    return 1.0 + jnp.sum((x - read_all()) ** 2)
+
+
+def misfit(x):
+    return x - read_all()
+
+
+def least(x):
+    """The smallest x that are no smaller than what is read."""
+    return jnp.sum(x), 1.0 - x / read_all()
+
+
+def margins(values):
+    return read_all() + values["x"]
+
+
+def signs(values):
+    return read_all() - 3.5 + 0.0 * values["x"]
+
+
+def by_batched(_):
+    return jc.batched(one_case)(jnp.ones(2))[1]
+
+
+def by_study(folder):
+    """Results of a study in a new store."""
+    return jc.study(one_named_case, {"x": np.ones(1)}, folder / "new.zarr").load()["r"][0]
+
+
+def by_minimize(_):
+    found = jc.minimize(loss, jnp.ones(COUNT))
+    assert found.status == status.OK
+    return found.params
+
+
+def by_minimize_subject_to(_):
+    found = jc.design.minimize_subject_to(least, jnp.full(COUNT, 8.0), (0.5, 10.0))
+    assert found.status == status.OK
+    return found.params
+
+
+def by_fit(_):
+    found = jc.fit(misfit, jnp.ones(COUNT))
+    assert found.status == status.OK
+    return found.params
+
+
+def by_first_order(_):
+    """The reliability index of x + number is the number."""
+    found = jc.reliability.first_order(margins, X)
+    assert (np.asarray(found.status) == status.OK).all()
+    return found.beta
+
+
+def by_importance_sampling(_):
+    """A margin of number - 3.5 is violated always or never; the numbers are rounded with it."""
+    found = jc.reliability.importance_sampling(signs, X, samples=2)
+    return np.where(found.of_each > 0.5, 3.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        *(by_batched, by_study, by_minimize, by_minimize_subject_to, by_fit, by_first_order),
+        by_importance_sampling,
+    ],
+)
+def test_numbers_that_a_function_reads_are_those_of_now(ask, tmp_path):
+    """The function objects are the same. Searches end within their tolerance of 1e-6."""
+    for k, value in enumerate((2.0, 5.0, 2.0)):
+        folder = tmp_path / str(k)
+        expected = np.array(set_all(value))
+        if ask is by_importance_sampling:
+            expected = np.where(expected < 3.5, 3.0, 4.0)
+        np.testing.assert_allclose(ask(folder), expected, rtol=3e-6, err_msg=f"{list(WAYS)}")
+
+
+def test_each_number_counts(tmp_path):
+    """One after the other: a batch has the new one, and the store of a study refuses it."""
+    expected, folder = np.array(set_all(2.0)), tmp_path / "old.zarr"
+    jc.study(one_named_case, {"x": np.ones(1)}, folder)
+    for k, (name, (_, write)) in enumerate(WAYS.items()):
+        write(float(expected[k]) + 3.0)
+        moved = expected + 3.0 * (np.arange(COUNT) == k)
+        np.testing.assert_array_equal(by_batched(None), moved, err_msg=name)
+        with pytest.raises(ValueError, match="holds a study with function"):
+            jc.study(one_named_case, {"x": np.ones(1)}, folder)
+        write(float(expected[k]))
+    assert jc.study(one_named_case, {"x": np.ones(1)}, folder).missing == []
