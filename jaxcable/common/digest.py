@@ -18,6 +18,7 @@ import re
 import sys
 import sysconfig
 import types
+import weakref
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -47,6 +48,15 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
     return _digest_of_words(_ObjectDescriber().describe([traced, names]))
+
+
+def of_equations(jaxpr: Any) -> str:
+    """Return a digest of a jaxpr in this process, a text of 32 characters.
+
+    It covers literals, shapes and parameters of all equations. Functions that jax calls later, such
+    as the rules of `jax.custom_jvp`, count by identity.
+    """
+    return _ObjectDescriber(of_process=True).describe(jaxpr)
 
 
 def of_host_function(function: Callable[..., Any]) -> str:
@@ -83,16 +93,20 @@ def _digest_of_words(words):
     return digest_of_bytes(repr(words).encode())
 
 
+_known_jaxprs: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
+
+
 class _ObjectDescriber:
     """Describe objects as nested lists of words, from which a digest is made.
 
     The objects are values in a jaxpr or, with `reads_code`, values that Python code can reach,
-    whose functions are described by their code. Each object is described once.
+    whose functions are described by their code. Each object is described once. With `of_process`
+    functions are described by their addresses, and jaxprs once in a process.
     """
 
-    def __init__(self, reads_code=False):
+    def __init__(self, reads_code=False, of_process=False):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
-        self.reads_code = reads_code
+        self.reads_code, self.of_process = reads_code, of_process
 
     def describe(self, value: Any) -> Any:
         """Return words (nested lists of texts and numbers) that describe any object.
@@ -112,6 +126,10 @@ class _ObjectDescriber:
             )
         if isinstance(value, np.generic):
             return _digest_of_array(value)
+        if is_jaxpr(value) and self.of_process:
+            if value not in _known_jaxprs:
+                _known_jaxprs[value] = _digest_of_words(self._describe_jaxpr(value))
+            return _known_jaxprs[value]
         if is_jaxpr(value):
             return self._memoized_digest(value, self._describe_jaxpr)
         if self.reads_code and kind not in _COLLECTIONS:
@@ -122,13 +140,13 @@ class _ObjectDescriber:
             return self._memoized_digest(value, self._describe_collection)
         if callable(value) and not isinstance(value, type):  # not called on the host: by its name
             names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-            return kind.__name__, *names
+            return kind.__name__, *(names if not self.of_process else [id(value)])
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
             return kind.__qualname__, self._memoized_digest(
                 value, lambda _: self._describe_collection(fields)
             )
-        return kind.__name__, _ADDRESS.sub("", repr(value))
+        return kind.__name__, repr(value) if self.of_process else _ADDRESS.sub("", repr(value))
 
     def _memoized_digest(self, value, describe):
         """Return the digest of ``describe(value)``, computed once for every object `value`."""
@@ -167,7 +185,8 @@ class _ObjectDescriber:
         words = [*map(self.describe, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
             words += equation.primitive.name, *map(atom, equation.invars)
-            before, self.reads_code = self.reads_code, "callback" in equation.primitive.name
+            before = self.reads_code
+            self.reads_code = "callback" in equation.primitive.name and not self.of_process
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
                     words += name, self.describe(value)

@@ -102,8 +102,9 @@ def _signature(x):
     if isinstance(x, np.ndarray | np.generic):
         return x.shape, x.dtype
     if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
-        free = not (x.weak_type or getattr(x, "committed", True))
-        return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
+        weak = getattr(x, "weak_type", False)  # keys of random numbers have none
+        free = not (weak or getattr(x, "committed", True))
+        return (x.shape, x.dtype) if free else (x.shape, x.dtype, weak, x.sharding)
     aval = jax.typeof(x)
     return (aval.shape, aval.dtype, "weak") if aval.weak_type else (aval.shape, aval.dtype)
 

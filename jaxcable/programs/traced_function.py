@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..common import digest
 from ..common import jax_internals as internals
 from ..common.compilation import traces_known_by, without_garbage_collection
 from ..common.tree import pytree
@@ -30,8 +31,7 @@ class Equations:
     """Equations of a traced function, static metadata of a `TracedFunction`.
 
     Two are equal if they compute the same: equations, literals, shapes and structures of arguments
-    and result. Names of the functions in them that jax calls later (rules of `jax.custom_jvp`) are
-    not compared, but their identity.
+    and result.
 
     Args:
         jaxpr: equations, without constants.
@@ -40,18 +40,16 @@ class Equations:
 
     def __init__(self, jaxpr: Any, arguments: PyTree[Any], result: PyTree[Any]):
         self.jaxpr, self.result = jaxpr, result
-        self.trees = jax.tree.structure(arguments), jax.tree.structure(result)
-        self._hash = hash((self.trees, *map(_words, _visible_equations(jaxpr))))
+        self.arguments_tree: Any = jax.tree.structure(arguments)
+        self.result_tree: Any = jax.tree.structure(result)
+        # jaxprs are alive as long as these: so are the functions in them, and their addresses
+        self._key = digest.of_equations(jaxpr), self.arguments_tree, self.result_tree
 
     def __hash__(self) -> int:
-        return self._hash
+        return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        if self is other:
-            return True
-        if not isinstance(other, Equations) or hash(self) != hash(other):
-            return False  # jax does not compare the hash
-        return self.trees == other.trees and are_same_jaxprs(self.jaxpr, other.jaxpr)
+        return isinstance(other, Equations) and self._key == other._key
 
 
 @pytree(static=("equations",))
@@ -74,10 +72,10 @@ class TracedFunction:
     def __call__(self, *arguments: PyTree[Any]) -> PyTree[Array]:
         """Return the result for arguments in the shapes with which the function was traced."""
         leaves, tree = jax.tree.flatten(arguments)
-        if tree != self.equations.trees[0]:
-            raise ValueError(f"arguments: {tree}: traced with {self.equations.trees[0]}")
+        if tree != self.equations.arguments_tree:
+            raise ValueError(f"arguments: expected {self.equations.arguments_tree}, got {tree}")
         found = internals.bind_constants(self.equations.jaxpr, self.captured)(*leaves)
-        return self.equations.trees[1].unflatten(found)
+        return self.equations.result_tree.unflatten(found)
 
 
 def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]) -> TracedFunction:
@@ -99,7 +97,7 @@ def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
             with traces_known_by(object()):
                 traced, result = jax.make_jaxpr(own, return_shape=True)(*shapes)
     _own_constants(traced)
-    captured = [x if isinstance(x, jax.Array) else np.asarray(x) for x in traced.consts]
+    captured: Any = [x if isinstance(x, jax.Array) else np.asarray(x) for x in traced.consts]
     return TracedFunction(captured, Equations(traced.jaxpr, shapes, result))
 
 
@@ -116,96 +114,18 @@ def _functions_within(jaxpr):
             yield from _functions_within(own)
 
 
-def _visible_equations(jaxpr):
-    """Yield the equations of a jaxpr and of `_functions_within` it."""
-    yield from jaxpr.eqns
-    for own, *_ in _functions_within(jaxpr):
-        yield from own.eqns
-
-
-def _literals(equation):
-    """Return the literal operands of an equation."""
-    return [x for x in equation.invars if internals.is_jaxpr_literal(x)]
-
-
-def _words(equation):
-    """Return the primitive of an equation and its literals, hashable."""
-    return equation.primitive.name, *(np.asarray(x.val).tobytes() for x in _literals(equation))
-
-
 def _own_constants(program):
     """Copy the arrays of NumPy in a traced program, which a user may change in place later."""
-    for _, constants, _ in _functions_within(program.jaxpr):
+    for jaxpr, constants, _ in ((program.jaxpr, (), ""), *_functions_within(program.jaxpr)):
         for k, x in enumerate(constants):
             if isinstance(x, np.ndarray):
                 constants[k] = x.copy()
-    for x in (x for equation in _visible_equations(program.jaxpr) for x in _literals(equation)):
-        if isinstance(x.val, np.ndarray):
-            x.val = x.val.copy()
+        for x in (x for equation in jaxpr.eqns for x in equation.invars):
+            if internals.is_jaxpr_literal(x) and isinstance(x.val, np.ndarray):
+                x.val = x.val.copy()
 
 
 @as_program
 def evaluate_traced(function: TracedFunction, *arguments: PyTree[Any]) -> PyTree[Array]:
     """Return ``function(*arguments)``, by a program."""
     return function(*arguments)
-
-
-# --- comparison
-
-
-def are_same_jaxprs(a: Any, b: Any) -> bool:
-    """Tell whether two jaxprs compute the same, equation by equation."""
-    if a is b:
-        return True
-    pairs: dict[Any, Any] = {}
-
-    def match(new, old):
-        """Pair variables that are defined."""
-        pairs.update(zip(new, old, strict=False))
-        return len(new) == len(old) and all(x.aval == y.aval for x, y in zip(new, old, strict=True))
-
-    def is_paired(x, y):
-        if internals.is_jaxpr_literal(x):
-            literal = internals.is_jaxpr_literal(y)
-            return literal and x.aval == y.aval and _are_same(np.asarray(x.val), np.asarray(y.val))
-        return pairs.get(x) is y
-
-    def operands_agree(new, old):
-        return len(new) == len(old) and all(map(is_paired, new, old))
-
-    return (
-        len(a.eqns) == len(b.eqns)
-        and match(a.constvars, b.constvars)
-        and match(a.invars, b.invars)
-        and all(
-            x.primitive is y.primitive
-            and operands_agree(x.invars, y.invars)
-            and _are_same(x.params, y.params)
-            and match(x.outvars, y.outvars)
-            for x, y in zip(a.eqns, b.eqns, strict=True)
-        )
-        and operands_agree(a.outvars, b.outvars)
-    )
-
-
-def _are_same(a, b):
-    """Tell whether two parameters of equations are the same; False where that cannot be told."""
-    if a is b:
-        return True
-    if internals.is_jaxpr(a) and internals.is_jaxpr(b):
-        constants = (list(getattr(x, "consts", ())) for x in (a, b))
-        return _are_same(*constants) and are_same_jaxprs(*(getattr(x, "jaxpr", x) for x in (a, b)))
-    if type(a) is not type(b):
-        return False
-    if isinstance(a, tuple | list):
-        return len(a) == len(b) and all(map(_are_same, a, b))
-    if isinstance(a, dict):
-        return a.keys() == b.keys() and all(_are_same(x, b[name]) for name, x in a.items())
-    if isinstance(a, float):
-        return repr(a) == repr(b)  # tells 0.0 and -0.0 apart
-    if hasattr(a, "tobytes"):  # an array on the host
-        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
-    try:
-        return bool(a == b)
-    except Exception:  # whatever the comparison of foreign objects raises
-        return False
