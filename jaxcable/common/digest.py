@@ -138,9 +138,11 @@ class _ObjectDescriber:
             return kind.__name__, [self.describe(part) for part in value]
         if isinstance(value, list | dict | set | frozenset):
             return self._memoized_digest(value, self._describe_collection)
+        if self.of_process and (kind.__eq__ is object.__eq__ or hasattr(value, "call_wrapped")):
+            return kind.__name__, id(value)  # functions, also as jax wraps them
         if callable(value) and not isinstance(value, type):  # not called on the host: by its name
             names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-            return kind.__name__, *(names if not self.of_process else [id(value)])
+            return kind.__name__, *names
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
             return kind.__qualname__, self._memoized_digest(

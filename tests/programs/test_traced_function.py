@@ -1,11 +1,15 @@
 """A function is looked at in every call: nothing that it reads from outside is out of date."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 
 import jaxcable as jc
 from jaxcable.common import status
+from jaxcable.extend import Dead, pytree
+from jaxcable.programs.traced_function import evaluate_traced, trace_function
 from tests.banks.captured import WAYS
 
 COUNT = len(WAYS)
@@ -122,3 +126,83 @@ def test_each_number_counts(tmp_path):
             jc.study(one_named_case, {"x": np.ones(1)}, folder)
         write(float(expected[k]))
     assert jc.study(one_named_case, {"x": np.ones(1)}, folder).missing == []
+
+
+slope, rate, strength = 2.0, 0.1, 1.0
+
+
+@jax.custom_jvp
+def with_own_slope(x):
+    return x - 4.0
+
+
+@with_own_slope.defjvp
+def _with_own_slope_jvp(primals, tangents):
+    return with_own_slope(*primals), slope * tangents[0]
+
+
+def test_rules_of_derivatives_are_those_of_now():
+    """The equations are the same; only the rule, which jax calls later, reads another number."""
+    global slope
+    for slope in (2.0, 3.0, 2.0):
+        found = jc.fit(lambda x: with_own_slope(x), jnp.array(1.0), steps=1)
+        assert found.status in (status.OK, status.OUT_OF_STEPS)
+        assert found.jacobian.item() == slope
+
+
+def test_optimizers_are_those_of_now():
+    """The first step of a gradient descent: the rate times the slope -2."""
+    global rate
+    descent = optax.sgd(lambda _: rate)
+    for rate in (0.1, 0.2):
+        found = jc.minimize(lambda x: 1.0 + (x - 1.0) ** 2, 0.0, optimizer=descent, steps=1)
+        assert found.status == status.OUT_OF_STEPS
+        assert found.params == pytest.approx(2 * rate, rel=1e-12)  # rounding
+
+
+def test_numbers_are_those_of_now_within_other_programs():
+    """A derivative and a batch outside of `jit` call programs that are known, too."""
+    global rate
+
+    def total(x):
+        return jc.batched(lambda x: rate * x)(x).sum()
+
+    for rate in (0.1, 0.2):
+        np.testing.assert_array_equal(jax.grad(total)(jnp.ones(2)), rate)
+        np.testing.assert_array_equal(jax.vmap(total)(jnp.ones((2, 1))), rate)
+
+
+@pytree
+class OwnLoad(Dead):
+    """A force on a node along z, `strength` times the field."""
+
+    force: object
+    scales = ("force",)
+
+    def element_forces(self, groups, states, nodes, shape, dtype):
+        return jnp.zeros(shape, dtype).at[2, 2].set(strength * self.force)
+
+
+def test_classes_of_users_are_those_of_now():
+    """The sag of two bars under a force is that under a nodal load of this size."""
+    global strength
+    bars = jc.Bars([[0, 2], [1, 2]], axial_stiffness=1e5)
+    held = jc.pinned([0, 1]) + jc.restrained([2], "y")
+    structure = jc.Structure([[-1.0, 0, 0], [1.0, 0, 0], [0, 0, -1.0]], bars, supports=held)
+    own = [jc.Phase(loads=OwnLoad(-100.0))]
+
+    def sag(phases):
+        solution = jc.solve(structure, phases)
+        assert solution.status == status.OK
+        return float(solution.displacement[2, 2])
+
+    for strength in (1.0, 2.0, 1.0):
+        known = [jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0 * strength)))]
+        assert sag(own) == pytest.approx(sag(known), rel=1e-9)  # the tolerance of the analysis
+
+
+def test_a_traced_function_refuses_other_arguments():
+    traced = trace_function(lambda x: 2.0 * x["a"], {"a": 1.0})
+    assert evaluate_traced(traced, {"a": 3.0}) == 6.0
+    with pytest.raises(ValueError, match=r"arguments: expected .*'a'.*, got .*'b'"):
+        evaluate_traced(traced, {"b": 3.0})
