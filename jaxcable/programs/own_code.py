@@ -30,14 +30,11 @@ def _objects_of_users(tree):
     found = []
 
     def add(value):
-        kind = value if isinstance(value, type) else type(value)
         if isinstance(value, tuple | list):
             for part in value:
                 add(part)
-        elif callable(value) or not digest.is_of_library(kind.__module__):
-            module = getattr(value, "__module__", kind.__module__)
-            if not digest.is_of_library(module):
-                found.append(value)
+        elif not digest.is_of_library(getattr(value, "__module__", "builtins")):
+            found.append(value)
 
     def visit(tree):
         data = tree.node_data()

@@ -104,7 +104,7 @@ def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
 def _functions_within(jaxpr):
     """Yield the functions in a jaxpr that are not of this package: jaxpr, constants and file.
 
-    So do those in functions of jax and of users.
+    These are functions of jax and of users, and those within them.
     """
     for program in (inner for equation in jaxpr.eqns for inner in inner_programs(equation)):
         own, constants = inner_jaxpr(program)
