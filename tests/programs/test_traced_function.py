@@ -116,15 +116,19 @@ def test_numbers_that_a_function_reads_are_those_of_now(ask, tmp_path):
 
 def test_each_number_counts(tmp_path):
     """One after the other: a batch has the new one, and the store of a study refuses it."""
-    expected, folder = np.array(set_all(2.0)), tmp_path / "old.zarr"
+    values, folder = set_all(2.0), tmp_path / "old.zarr"
     jc.study(one_named_case, {"x": np.ones(1)}, folder)
-    for k, (name, (_, write)) in enumerate(WAYS.items()):
-        write(float(expected[k]) + 3.0)
-        moved = expected + 3.0 * (np.arange(COUNT) == k)
-        np.testing.assert_array_equal(by_batched(None), moved, err_msg=name)
+    for value, (name, (read, write)) in zip(values, WAYS.items(), strict=True):
+
+        def function(x, read=read):
+            return x * read()
+
+        for own in (value, value + 3.0):
+            write(own)
+            np.testing.assert_array_equal(jc.batched(function)(jnp.ones(2)), own, err_msg=name)
         with pytest.raises(ValueError, match="holds a study with function"):
             jc.study(one_named_case, {"x": np.ones(1)}, folder)
-        write(float(expected[k]))
+        write(value)
     assert jc.study(one_named_case, {"x": np.ones(1)}, folder).missing == []
 
 
