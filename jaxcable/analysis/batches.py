@@ -8,6 +8,7 @@ chunks, and shares them out to devices, which may belong to several processes. W
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,11 +19,12 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 from ..common import checks
-from ..common.function_programs import ProgramCache
 from ..common.fusion import are_loops_fused, usable_cores
 from ..common.jax_internals import is_untransformed
 from ..common.types import Array, PyTree
-from ..programs.program_calls import as_program
+from ..programs.known import KnownPrograms
+from ..programs.program_calls import as_program, shape_of_case
+from ..programs.traced_function import trace_function
 
 _CASES_AXIS = "cases"
 _THREAD_CHUNK = 256  # cases of a thread at once: their data stay in cache
@@ -41,9 +43,9 @@ def batched(
 
     The result is that of ``jax.vmap(function)``, as a program, whatever the chunks and devices, and
     has the same transformations. Devices do not wait for each other: each iterates until its own
-    cases have converged. Programs are known by the function object and the number of cases at once:
-    a second call of `batched` with the same function traces nothing. Outside of jit a chunk is a
-    call of the program; within it chunks are a loop.
+    cases have converged. Every call traces the function, so that it sees what the function reads
+    now; programs are known by its equations and the number of cases at once. Outside of jit a chunk
+    is a call of the program; within it chunks are a loop.
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
@@ -80,71 +82,70 @@ def batched(
         checks.require_whole_number(chunk, "chunk")
     if devices is not None and len(devices) == 0:
         raise ValueError("devices: expected at least one, or None")
-    program = _programs(function, chunk, None if devices is None else tuple(devices))
+    options = chunk, None if devices is None else tuple(devices)
 
     def mapped(*cases):
-        return _call(program, cases, function)
-
-    return mapped
-
-
-def _call(program, cases, function):
-    """Call a program; `function` is named to stay alive, the program has a weak reference."""
-    return program(*cases)
-
-
-def _make_batched(reference, chunk, devices):
-    """Return the function of cases that `batched` describes, for the function ``reference()``."""
-
-    def one_by_one(*cases):
-        return jax.vmap(reference())(*cases)
-
-    program = as_program(one_by_one)
-
-    def share(*cases):
-        """The cases of one device, within a program."""
         count = _count_cases(cases)
-        chunks, size = _equal_chunks(count, _cases_at_once(chunk))
-        if chunks == 1:
-            return one_by_one(*cases)
-        parts = jax.tree.map(
-            lambda a: a.reshape(chunks, size, *a.shape[1:]), _pad_cases(cases, chunks * size)
-        )
-        results = lax.map(lambda part: one_by_one(*part), parts)
-        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
-
-    @jax.jit
-    def run(*cases):
-        if devices is None:
-            return share(*cases)
-        count = _count_cases(cases)
-        per_device = -(-count // len(devices))
-        spread = jax.shard_map(
-            share,
-            mesh=Mesh(np.asarray(devices), (_CASES_AXIS,)),
-            in_specs=PartitionSpec(_CASES_AXIS),
-            out_specs=PartitionSpec(_CASES_AXIS),
-            check_vma=False,  # loops begin with constants, which are the same on all devices
-        )
-        results = spread(*_pad_cases(cases, per_device * len(devices)))
-        return jax.tree.map(lambda a: a[:count], results)
-
-    def checked(*cases):
-        count = _count_cases(cases)
+        one = jax.tree.map(lambda x: shape_of_case(jax.typeof(x)), cases)
+        traced = trace_function(function, *one)
         if devices is not None or not _are_numbers(cases) or not is_untransformed():
-            return run(*cases)
+            key = traced.equations, *options
+            return _within_program.find(key, lambda: _make_run(*options))(traced, *cases)
         workers = 1
         _, size = _equal_chunks(count, _cases_at_once(chunk))
         if are_loops_fused():
             workers = usable_cores()
             rounds = -(-count // (workers * (chunk or _THREAD_CHUNK)))
             size = -(-count // (workers * rounds))
-        return program(*cases) if size == count else _map_chunks(program, cases, size, workers)
+        if size == count:
+            return _map_cases(traced, *cases)
+        return _map_chunks(functools.partial(_map_cases, traced), cases, size, workers)
 
-    return checked
+    return mapped
 
 
-_programs = ProgramCache(_make_batched)
+@as_program
+def _map_cases(function, *cases):
+    """Return the results of all cases at once."""
+    return jax.vmap(function)(*cases)
+
+
+def _make_run(chunk, devices):
+    """Return the function of a `TracedFunction` and cases, for a call within another program."""
+
+    def share(function, *cases):
+        """The cases of one device."""
+        count = _count_cases(cases)
+        chunks, size = _equal_chunks(count, _cases_at_once(chunk))
+        if chunks == 1:
+            return jax.vmap(function)(*cases)
+        parts = jax.tree.map(
+            lambda a: a.reshape(chunks, size, *a.shape[1:]), _pad_cases(cases, chunks * size)
+        )
+        results = lax.map(lambda part: jax.vmap(function)(*part), parts)
+        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
+
+    @jax.jit
+    def run(function, *cases):
+        if devices is None:
+            return share(function, *cases)
+        count = _count_cases(cases)
+        per_device = -(-count // len(devices))
+        one, every = PartitionSpec(_CASES_AXIS), PartitionSpec()
+        spread = jax.shard_map(
+            share,
+            mesh=Mesh(np.asarray(devices), (_CASES_AXIS,)),
+            in_specs=(every, *[one] * len(cases)),
+            out_specs=one,
+            check_vma=False,  # loops begin with constants, which are the same on all devices
+        )
+        results = spread(function, *_pad_cases(cases, per_device * len(devices)))
+        return jax.tree.map(lambda a: a[:count], results)
+
+    return run
+
+
+_within_program = KnownPrograms()
 
 
 def _cases_at_once(chunk):

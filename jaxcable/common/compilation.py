@@ -63,6 +63,17 @@ def program_settings() -> tuple[Any, ...]:
     return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
+_trace_key = jax.make_user_context()
+
+
+def traces_known_by(key: Any) -> contextlib.AbstractContextManager[Any]:
+    """Return a context in which jax uses its traces of functions only if they have the same key.
+
+    None is the key outside of all such contexts; a new object has no traces.
+    """
+    return _trace_key(key)
+
+
 @contextlib.contextmanager
 def without_garbage_collection() -> Iterator[None]:
     """Pause Python's garbage collector of cyclic references while a ``with`` block runs.

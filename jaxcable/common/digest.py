@@ -8,6 +8,7 @@ bytecode, and by all values that it can reach. Processes agree on all digests.
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import functools
@@ -17,6 +18,7 @@ import re
 import sys
 import sysconfig
 import types
+import weakref
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -46,6 +48,15 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
     return _digest_of_words(_ObjectDescriber().describe([traced, names]))
+
+
+def of_equations(jaxpr: Any) -> str:
+    """Return a digest of a jaxpr in this process, a text of 32 characters.
+
+    It covers literals, shapes and parameters of all equations. Functions that jax calls later, such
+    as the rules of `jax.custom_jvp`, count by identity.
+    """
+    return _ObjectDescriber(of_process=True).describe(jaxpr)
 
 
 def of_host_function(function: Callable[..., Any]) -> str:
@@ -82,16 +93,20 @@ def _digest_of_words(words):
     return digest_of_bytes(repr(words).encode())
 
 
+_known_jaxprs: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
+
+
 class _ObjectDescriber:
     """Describe objects as nested lists of words, from which a digest is made.
 
     The objects are values in a jaxpr or, with `reads_code`, values that Python code can reach,
-    whose functions are described by their code. Each object is described once.
+    whose functions are described by their code. Each object is described once. With `of_process`
+    functions are described by their addresses, and jaxprs once in a process.
     """
 
-    def __init__(self, reads_code=False):
+    def __init__(self, reads_code=False, of_process=False):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
-        self.reads_code = reads_code
+        self.reads_code, self.of_process = reads_code, of_process
 
     def describe(self, value: Any) -> Any:
         """Return words (nested lists of texts and numbers) that describe any object.
@@ -111,6 +126,10 @@ class _ObjectDescriber:
             )
         if isinstance(value, np.generic):
             return _digest_of_array(value)
+        if is_jaxpr(value) and self.of_process:
+            if value not in _known_jaxprs:
+                _known_jaxprs[value] = _digest_of_words(self._describe_jaxpr(value))
+            return _known_jaxprs[value]
         if is_jaxpr(value):
             return self._memoized_digest(value, self._describe_jaxpr)
         if self.reads_code and kind not in _COLLECTIONS:
@@ -119,6 +138,8 @@ class _ObjectDescriber:
             return kind.__name__, [self.describe(part) for part in value]
         if isinstance(value, list | dict | set | frozenset):
             return self._memoized_digest(value, self._describe_collection)
+        if self.of_process and (kind.__eq__ is object.__eq__ or hasattr(value, "call_wrapped")):
+            return kind.__name__, id(value)  # functions, also as jax wraps them
         if callable(value) and not isinstance(value, type):  # not called on the host: by its name
             names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
             return kind.__name__, *names
@@ -127,7 +148,7 @@ class _ObjectDescriber:
             return kind.__qualname__, self._memoized_digest(
                 value, lambda _: self._describe_collection(fields)
             )
-        return kind.__name__, _ADDRESS.sub("", repr(value))
+        return kind.__name__, repr(value) if self.of_process else _ADDRESS.sub("", repr(value))
 
     def _memoized_digest(self, value, describe):
         """Return the digest of ``describe(value)``, computed once for every object `value`."""
@@ -166,7 +187,8 @@ class _ObjectDescriber:
         words = [*map(self.describe, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
             words += equation.primitive.name, *map(atom, equation.invars)
-            before, self.reads_code = self.reads_code, "callback" in equation.primitive.name
+            before = self.reads_code
+            self.reads_code = "callback" in equation.primitive.name and not self.of_process
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
                     words += name, self.describe(value)
@@ -183,7 +205,7 @@ def _definition_parts(value) -> Iterator[Any]:
     """
     if isinstance(value, types.ModuleType):
         yield value.__name__  # attributes are parts of the functions that read them
-    elif isinstance(value, types.FunctionType | type) and _is_of_library(value.__module__):
+    elif isinstance(value, types.FunctionType | type) and is_of_library(value.__module__):
         package = sys.modules.get((value.__module__ or "").partition(".")[0])
         yield from (value.__module__, value.__qualname__, getattr(package, "__version__", ""))
     elif isinstance(value, types.FunctionType):
@@ -192,7 +214,8 @@ def _definition_parts(value) -> Iterator[Any]:
             with contextlib.suppress(ValueError):  # a variable that has no value yet
                 yield cell.cell_contents
         names = _names_in_code(value.__code__)
-        yield from _named_values(names, {**sys.modules, **value.__globals__}, frozenset())
+        space = collections.ChainMap(value.__globals__, sys.modules)
+        yield from _named_values(names, space, frozenset())
     elif isinstance(value, types.CodeType):
         yield from (value.co_code, value.co_exceptiontable, value.co_consts, value.co_names)
         yield from (value.co_argcount, value.co_flags, value.co_varnames, value.co_freevars)
@@ -244,19 +267,24 @@ def _named_values(names, space, seen):
         value = space[name]
         yield from (name, value)
         if isinstance(value, types.ModuleType) and value.__name__ not in seen:
-            if not _is_of_library(value.__name__):
+            if not is_of_library(value.__name__):
                 yield from _named_values(names, vars(value), seen | {value.__name__})
 
 
-def _is_of_library(module):
+def is_of_library(module: str | None) -> bool:
     """Tell whether a module is Python's, of this package, or of an installed library."""
     package = (module or "builtins").partition(".")[0]
     if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
         return True
     file = getattr(sys.modules.get(package), "__file__", None)
+    return file is not None and os.path.realpath(file).startswith(_library_folders())
+
+
+@functools.cache
+def _library_folders():
+    """Return the folders of installed libraries."""
     folders = (sysconfig.get_path(name) for name in ("purelib", "platlib"))
-    below = tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
-    return file is not None and os.path.realpath(file).startswith(below)
+    return tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
 
 
 def _digest_of_array(value):

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
-from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..programs.program_calls import as_program
+from ..programs.traced_function import trace_function
 from .bounds import (
     broadcast_to_params,
     check_call_arguments,
@@ -154,8 +154,8 @@ def minimize_subject_to(
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
-    program = _evaluations(problem)
     start, back = flat_vector(params), ravel_pytree(params)[1]
+    traced = trace_function(functools.partial(_flat_problem, problem, back), start, args)
     step = least = _typical_sizes(box, start)
     if scale is not None:
         step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
@@ -164,7 +164,7 @@ def minimize_subject_to(
         return np.asarray(_larger_sizes(box, least, x), float)
 
     def evaluate(x):
-        return program(jnp.asarray(x, start.dtype), params, args)
+        return _evaluate(traced, jnp.asarray(x, start.dtype), args)
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
@@ -289,34 +289,24 @@ def _larger_sizes(box, least, x):
     return jnp.maximum(least, box.largest_per_array(x))
 
 
-def _make_evaluation(reference):
-    """Return the program of loss and constraints with their Jacobian, of the user's function.
+def _flat_problem(problem, back, x, args):
+    """Return [loss, constraints ...] and the status code of a user's function.
 
-    `reference()` returns the function. The program takes flat parameters [n], their pytree and
-    further arguments, and returns the `Evaluation` of [loss, constraints ...].
+    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
     """
-
-    def flattened(x, params, args):
-        returned = reference()(ravel_pytree(params)[1](x), *args)
-        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
-            raise ValueError(
-                "problem: expected (loss, constraints) or (loss, constraints, solution)"
-            )
-        value, code = loss_and_status((returned[0], returned[2:]))
-        constraints = jnp.asarray(returned[1])
-        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
-            got = f"{constraints.dtype}{list(constraints.shape)}"
-            raise ValueError(f"constraints: expected floats [n], got {got}")
-        return jnp.append(value, constraints).astype(x.dtype), code
-
-    def evaluate(x, params, args):
-        def own(x):
-            return flattened(x, params, args)
-
-        count = jax.eval_shape(own, x)[0].size
-        return values_and_jacobian(own, x, count).mark_nonfinite()
-
-    return as_program(evaluate)
+    returned = problem(back(x), *args)
+    if not isinstance(returned, tuple) or len(returned) not in (2, 3):
+        raise ValueError("problem: expected (loss, constraints) or (loss, constraints, solution)")
+    value, code = loss_and_status((returned[0], returned[2:]))
+    constraints = jnp.asarray(returned[1])
+    if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+        got = f"{constraints.dtype}{list(constraints.shape)}"
+        raise ValueError(f"constraints: expected floats [n], got {got}")
+    return jnp.append(value, constraints).astype(x.dtype), code
 
 
-_evaluations = ProgramCache(_make_evaluation)
+@as_program
+def _evaluate(problem, x, args):
+    """Return the `Evaluation` of [loss, constraints ...], a `TracedFunction`, at `x` [n]."""
+    count = problem.result[0].size
+    return values_and_jacobian(lambda x: problem(x, args), x, count).mark_nonfinite()

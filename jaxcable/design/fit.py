@@ -12,11 +12,12 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.function_programs import ProgramCache
 from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
+from ..programs.traced_function import trace_function
 from .bounds import (
     check_call_arguments,
     check_search_arguments,
@@ -151,64 +152,50 @@ def fit(
     """
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    listen = as_listener(progress)
-    return _searches(residuals, int(steps), listen)(params, args, box, tol)
+    listen, steps = as_listener(progress), int(steps)
+    flat = functools.partial(_flat_residuals, residuals, ravel_pytree(params)[1])
+    traced = trace_function(flat, flat_vector(params), args)
+    problem = traced, params, args, box, tol
+    if is_plain_call(problem):
+        evaluate = functools.partial(_evaluate, traced, args)
+        return _search_on_host(evaluate, params, box, tol, steps, listen)
+    key = traced.equations, steps, listen
+    return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
 
 
-def _flat_residuals(reference, x, params, args):
-    """Return the residuals [n_residual] and the status code at flat parameters `x`, [n].
+def _flat_residuals(residuals, back, x, args):
+    """Return the residuals [n_residual] and the status code of a user's function.
 
-    `reference()` is the user's function, `params` the pytree of its parameters, `args` are further
-    arguments.
+    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
     """
-    _, back = ravel_pytree(params)
-    values, code = residuals_and_status(reference()(back(x), *args))
+    values, code = residuals_and_status(residuals(back(x), *args))
     vector = ravel_pytree(values)[0]
     if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
         raise ValueError("residuals: expected arrays of floats")
     return vector.astype(x.dtype), code
 
 
-def _make_evaluation(reference):
-    """Return the program of the residuals that `reference()` returns, with Jacobian and status.
-
-    It takes flat parameters [n], their pytree and further arguments, and returns an `Evaluation`.
-    """
-
-    def evaluate(x, params, args):
-        def residuals(x):
-            return _flat_residuals(reference, x, params, args)
-
-        return values_and_jacobian(residuals, x, jax.eval_shape(residuals, x)[0].size)
-
-    return as_program(evaluate)
+@as_program
+def _evaluate(residuals, args, x):
+    """Return the `Evaluation` of residuals, a `TracedFunction`, at flat parameters [n]."""
+    return values_and_jacobian(lambda x: residuals(x, args), x, residuals.result[0].size)
 
 
-def _make_search(reference, steps, listen):
-    """Return the search of `fit` for the function of residuals that `reference()` returns.
-
-    It is a function of start, further arguments, `BoxBounds` and tolerance to a `Fit`.
-    """
-    evaluate = _evaluations(reference())
+def _make_search(steps, listen):
+    """Return the search of `fit` within another program, a function of the problem."""
 
     @jax.jit
-    def search_within_program(params, args, box, tol):
-        params, args = refuse_derivative((params, args))
-        shapes = jax.eval_shape(evaluate, ravel_pytree(params)[0], params, args)
+    def search_within_program(*problem):
+        residuals, params, args, box, tol = refuse_derivative(problem)
 
         def evaluate_trial(state):
-            return evaluate(state.trial, params, args)
+            return _evaluate(residuals, args, state.trial)
 
         loop = functools.partial(search_in_program, evaluate_trial)
-        found = _search(loop, shapes.values.size, params, box, tol, steps, listen)
-        return refuse_derivative(found)
+        count = residuals.result[0].size
+        return refuse_derivative(_search(loop, count, params, box, tol, steps, listen))
 
-    def run(params, args, box, tol):
-        if not is_plain_call((params, args, box, tol)):
-            return search_within_program(params, args, box, tol)
-        return _search_on_host(lambda x: evaluate(x, params, args), params, box, tol, steps, listen)
-
-    return run
+    return search_within_program
 
 
 def fit_on_host(
@@ -296,5 +283,4 @@ def _make_fit(search, end, params):
     )
 
 
-_evaluations = ProgramCache(_make_evaluation)
-_searches = ProgramCache(_make_search)
+_within_program = KnownPrograms()

@@ -13,15 +13,17 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
+from ..programs.traced_function import evaluate_traced, trace_function
 from .bounds import (
     broadcast_to_params,
     check_call_arguments,
     check_search_arguments,
+    flat_vector,
     search_or_input_status,
 )
 from .descent import Descent, History, is_logged, progress_numbers
@@ -29,7 +31,7 @@ from .minimum_criteria import MinimumCriteria
 from .no_derivative import refuse_derivative
 from .returned_values import loss_and_status
 from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
-from .trials import loss_and_gradient
+from .trials import Evaluation, loss_and_gradient
 
 # Typical change of a parameter over its size, by which the default optimizer scales: the length of
 # its first step, before L-BFGS has learned the curvature.
@@ -111,9 +113,9 @@ def minimize(
     Options:
         steps: largest number of accepted steps.
         tol: tolerance of convergence, see below. Default: 1e-6 in float64, 1e-3 in float32.
-        args: tuple of further arguments of the loss, any pytrees. The loss is traced once per
-            function object, as by `jax.jit`: variables that the function captures become constants
-            of the program. Pass here what changes from call to call.
+        args: tuple of further arguments of the loss, any pytrees. The loss is traced once in every
+            call, so that it sees what it reads from outside now. Pass here what changes from call
+            to call: numbers of Python that it reads are in its program, and others need a new one.
         scale: size of a typical change of every parameter, in the forms that a bound can have; the
             optimizer works on the parameters divided by it. Default: a tenth of the size at the
             start for the default optimizer, 1 for others.
@@ -186,104 +188,111 @@ def minimize(
     params, box, tol = check_search_arguments(params, bounds, tol)
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
-    listen = as_listener(progress)
-    return _searches(loss, optimizer, int(steps), listen)(params, args, box, scale, tol)
+    listen, steps = as_listener(progress), int(steps)
+    back = ravel_pytree(params)[1]
 
-
-def _make_search(reference, optimizer, steps, listen):
-    """Return the search of `minimize` for the loss that `reference()` returns.
-
-    It is a function of start, further arguments, `BoxBounds`, scale and tolerance to a `Design`. In
-    an iteration, the loss with its gradient is one program, and the step of the search another one.
-    """
-    report = make_report(listen, Step, steps, is_logged, progress_numbers)
-    evaluate_at, advance_from = _evaluations(reference()), _advance
-    if optimizer is not None:
-        advance_from = _make_advance(reference, optimizer)
-
-    def search(loop, params, args, box, scale, tol):
-        problem = params, args, box, scale, tol
-
-        def evaluate(state):
-            return evaluate_at(state.trial, params, args)
-
-        def advance(state, found):
-            return advance_from(*problem, state, found, steps=steps)
-
-        begin = _initial_state(params, box, scale, tol, steps=steps, optimizer=optimizer)
-        return _make_design(params, box, tol, loop(evaluate, advance, begin, report))
-
-    @jax.jit
-    def search_within_program(params, args, box, scale, tol):
-        params, args = refuse_derivative((params, args))
-        return refuse_derivative(search(search_in_program, params, args, box, scale, tol))
-
-    def run(*problem):
-        if is_plain_call(problem):
-            return search(search_on_host, *problem)
-        return search_within_program(*problem)
-
-    return run
-
-
-def _make_evaluation(reference):
-    """Return the program of the loss that `reference()` returns, with gradient and status.
-
-    It takes flat parameters [n], their pytree and further arguments, and returns an `Evaluation`.
-    """
-
-    def evaluate(x, params, args):
-        return loss_and_gradient(_flat_loss(reference, params, args), x)
-
-    return as_program(evaluate)
-
-
-def _flat_loss(reference, params, args):
-    """Return the function of flat parameters [n] to the loss and the status code.
-
-    `reference()` is the user's loss, `params` the pytree of its parameters, `args` are further
-    arguments.
-    """
-    _, back = ravel_pytree(params)
-
-    def loss(x):
-        value, code = loss_and_status(reference()(back(x), *args))
+    def flat_loss(x, *args):
+        value, code = loss_and_status(loss(back(x), *args))
         return value.astype(x.dtype), code
 
-    return loss
+    start = flat_vector(params)
+    traced = trace_function(flat_loss, start, *args)
+    own_steps = None
+    if optimizer is not None:
+        own_steps = _trace_steps(optimizer, traced, start, (params, args, box, scale, tol), steps)
+    problem = traced, own_steps, params, args, box, scale, tol
+    if is_plain_call(problem):
+        return _search(search_on_host, problem, steps, listen)
+    key = jax.tree.structure(problem), steps, listen
+    return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
+
+
+def _search(loop, problem, steps, listen):
+    """Search as `minimize` does, by one of the loops of `search_loop`; return the `Design`.
+
+    `problem` has the loss, a `TracedFunction` of flat parameters [n] and further arguments, the
+    steps of a user's optimizer (`_trace_steps`) or None, start, further arguments, `BoxBounds`,
+    scale and tolerance. In an iteration, the loss with its gradient is one program, and the step of
+    the search another one.
+    """
+    loss, own_steps, params, args, box, scale, tol = problem
+    where = params, args, box, scale, tol
+    report = make_report(listen, Step, steps, is_logged, progress_numbers)
+
+    def evaluate(state):
+        return _evaluate(loss, state.trial, args)
+
+    def advance(state, found):
+        if own_steps is None:
+            return _advance(*where, state, found, steps=steps)
+        return evaluate_traced(own_steps[1], loss, *where, state, found)
+
+    if own_steps is None:
+        begin = _initial_state(*where, steps=steps)
+    else:
+        begin = evaluate_traced(own_steps[0], *where)
+    return _make_design(params, box, tol, loop(evaluate, advance, begin, report))
+
+
+def _make_search(steps, listen):
+    """Return the search of `minimize` within another program, a function of the problem."""
+
+    @jax.jit
+    def search_within_program(*problem):
+        problem = refuse_derivative(problem)
+        return refuse_derivative(_search(search_in_program, problem, steps, listen))
+
+    return search_within_program
+
+
+def _trace_steps(optimizer, loss, start, where, steps):
+    """Trace the steps of a user's optimizer, which may read from outside what has changed.
+
+    Returns two of `TracedFunction`: that of the first state, and that of the next one.
+    """
+
+    def begin(params, args, box, scale, tol):
+        return _make_descent(params, box, scale, tol, steps, optimizer=optimizer).initial_state(
+            flat_vector(params)
+        )
+
+    def advance(loss, params, args, box, scale, tol, state, found):
+        def loss_at(x):
+            return loss(x, *args)
+
+        descent = _make_descent(params, box, scale, tol, steps, loss_at, optimizer)
+        return descent.advance(state, found)
+
+    first = trace_function(begin, *where)
+    found = Evaluation(loss.result[0], start, loss.result[1])
+    return first, trace_function(advance, loss, *where, first.result, found)
+
+
+@as_program
+def _evaluate(loss, x, args):
+    """Return the `Evaluation` of a loss with its gradient, at flat parameters [n]."""
+    return loss_and_gradient(lambda x: loss(x, *args), x)
 
 
 def _make_descent(params, box, scale, tol, steps, loss=None, optimizer=None):
-    """Return the `Descent` of `minimize` and the flat start, [n]."""
+    """Return the `Descent` of `minimize` from the start `params`."""
     start, back = ravel_pytree(params)
     floor = box.typical_sizes(start)
     scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
     criteria = MinimumCriteria(box, floor, tol)
-    return Descent(loss, back, optimizer, steps, box, criteria, scale), start
+    return Descent(loss, back, optimizer, steps, box, criteria, scale)
 
 
-@functools.partial(as_program, static=("steps", "optimizer"))
-def _initial_state(params, box, scale, tol, steps, optimizer):
-    """Return the first state of a search."""
-    descent, start = _make_descent(params, box, scale, tol, steps, optimizer=optimizer)
-    return descent.initial_state(start)
+@functools.partial(as_program, static=("steps",))
+def _initial_state(params, args, box, scale, tol, steps):
+    """Return the first state of a search with the default optimizer."""
+    return _make_descent(params, box, scale, tol, steps).initial_state(flat_vector(params))
 
 
 @functools.partial(as_program, static=("steps",))
 def _advance(params, args, box, scale, tol, state, found, steps):
     """Return the next state of a search with the default optimizer."""
-    return _make_descent(params, box, scale, tol, steps)[0].advance(state, found)
-
-
-def _make_advance(reference, optimizer):
-    """Return `_advance` for a user's optimizer, which may evaluate the loss ``reference()``."""
-
-    def advance(params, args, box, scale, tol, state, found, steps):
-        loss = _flat_loss(reference, params, args)
-        descent = _make_descent(params, box, scale, tol, steps, loss, optimizer)[0]
-        return descent.advance(state, found)
-
-    return as_program(advance, static=("steps",))
+    return _make_descent(params, box, scale, tol, steps).advance(state, found)
 
 
 @as_program
@@ -306,5 +315,4 @@ def _make_design(params, box, tol, end):
     )
 
 
-_evaluations = ProgramCache(_make_evaluation)
-_searches = ProgramCache(_make_search)
+_within_program = KnownPrograms()

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common.jax_internals import is_tracing
 from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import FactoredMatrix
@@ -197,7 +198,7 @@ def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     leaves = [jnp.asarray(x) for x in leaves]
     places = [k for k, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.floating)]
     floats = [lax.stop_gradient(leaves[k]) for k in places]
-    for k, x in zip(places, _with_nan_derivatives(floats, probe), strict=True):
+    for k, x in zip(places, _with_nan_derivatives_once(floats, probe), strict=True):
         leaves[k] = x
     return shape.unflatten(leaves)
 
@@ -233,13 +234,22 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
     return shape.unflatten(nan_unless_valid(ok, [jnp.asarray(x) for x in leaves], probe))
 
 
+def _traced_once(function):
+    """Return a function that is one function in a program; each trace of a program finds it again.
+
+    The rule of a function with a `jax.custom_jvp` is another object in every trace.
+    """
+    once = jax.jit(function)
+    return lambda *arguments: (once if is_tracing() else function)(*arguments)
+
+
 def gradient_probe(parameters: PyTree[Any]) -> Float[Array, ""]:
     """Return a zero that has derivative 1 with respect to every float in `parameters`.
 
     What is computed from this zero gets a derivative by all of them, such as NaN.
     """
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
-    return _probe_of_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
+    return _probe_once([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
 
 
 @jax.custom_jvp
@@ -255,6 +265,9 @@ def _probe_of_floats_jvp(primals, tangents):
     return _probe_of_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
+_probe_once = _traced_once(_probe_of_floats)
+
+
 @jax.custom_jvp
 def _with_nan_derivatives(arrays, probe):
     """Return a list of arrays with derivatives NaN by everything that `probe` depends on."""
@@ -266,6 +279,9 @@ def _with_nan_derivatives_jvp(primals, tangents):
     """Return the arrays and their tangents: NaN if the tangent of the probe is not zero."""
     arrays = primals[0]
     return arrays, nan_unless_valid(False, [jnp.zeros_like(x) for x in arrays], tangents[1])
+
+
+_with_nan_derivatives_once = _traced_once(_with_nan_derivatives)
 
 
 @jax.custom_jvp

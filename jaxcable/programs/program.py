@@ -96,7 +96,11 @@ class Program:
                 return internals.arrays_on_default_device(found)
         with self._lock:
             if self._xla is None:
-                sizes = [math.prod(x.shape) for x in self.arguments if x.dtype.kind == "f"]
+                sizes = [
+                    math.prod(x.shape)
+                    for x in self.arguments
+                    if jax.dtypes.issubdtype(x.dtype, np.floating)
+                ]
                 quick = max(sizes, default=0) <= _QUICK_ENTRIES
                 options = internals.quick_compile_options() if quick else None
                 with without_garbage_collection():

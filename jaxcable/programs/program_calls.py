@@ -19,10 +19,12 @@ from ..common import jax_internals as internals
 from ..common.compilation import (
     is_debugging,
     program_settings,
+    traces_known_by,
     without_garbage_collection,
 )
 from ..common.fusion import are_loops_fused
 from .known import KnownPrograms
+from .own_code import own_code
 from .program import MappedProgram, Program
 
 
@@ -55,18 +57,20 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         def own(*leaves):
             return function(*tree.unflatten(leaves), **options)
 
-        if not alone:
-            with without_garbage_collection():
-                if axes is None:
-                    return plain(*arguments, **options)
-                return jax.vmap(own, axes)(*leaves)
-        signature = tuple(map(_signature, leaves))
-        key = tree, signature, tuple(options.items()), axes, program_settings()
-        program = known.find(key, lambda: _make_program(own, leaves, axes))
-        if traced:
-            found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
-        else:
-            found = program.run(leaves)
+        code = own_code(tree)
+        with traces_known_by(code):
+            if not alone:
+                with without_garbage_collection():
+                    if axes is None:
+                        return plain(*arguments, **options)
+                    return jax.vmap(own, axes)(*leaves)
+            signature = tuple(map(_signature, leaves))
+            key = tree, signature, tuple(options.items()), axes, program_settings(), code
+            program = known.find(key, lambda: _make_program(own, leaves, axes))
+            if traced:
+                found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
+            else:
+                found = program.run(leaves)
         return program.tree.unflatten(found)
 
     made: Any = run
@@ -79,12 +83,12 @@ def _make_program(function, leaves, axes):
     if axes is None:
         return Program(function, leaves)
     pairs = zip(map(internals.abstract_argument, leaves), axes, strict=True)
-    case = [x if axis is None else _without_axis(x, axis) for x, axis in pairs]
+    case = [x if axis is None else shape_of_case(x, axis) for x, axis in pairs]
     return MappedProgram(Program(function, case), axes, leaves)
 
 
-def _without_axis(x, axis):
-    """Return the shape of a case of a batch along an axis."""
+def shape_of_case(x: Any, axis: int = 0) -> jax.ShapeDtypeStruct:
+    """Return shape and dtype of a case of a batch along an axis."""
     shape = x.shape[:axis] + x.shape[axis + 1 :]
     return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
 
@@ -98,8 +102,9 @@ def _signature(x):
     if isinstance(x, np.ndarray | np.generic):
         return x.shape, x.dtype
     if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
-        free = not (x.weak_type or getattr(x, "committed", True))
-        return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
+        weak = getattr(x, "weak_type", False)  # keys of random numbers have none
+        free = not (weak or getattr(x, "committed", True))
+        return (x.shape, x.dtype) if free else (x.shape, x.dtype, weak, x.sharding)
     aval = jax.typeof(x)
     return (aval.shape, aval.dtype, "weak") if aval.weak_type else (aval.shape, aval.dtype)
 

@@ -19,11 +19,16 @@ def inner_jaxpr(program: Any) -> tuple[Any, Sequence[Any]]:
     return getattr(program, "jaxpr", program), getattr(program, "consts", ())
 
 
-def inner_jaxprs(equation: Any) -> list[Any]:
-    """Return the jaxprs in the parameters of an equation."""
+def inner_programs(equation: Any) -> list[Any]:
+    """Return the jaxprs in the parameters of an equation, with constants where they have some."""
     values = equation.params.values()
     each = [x for value in values for x in (value if isinstance(value, tuple | list) else (value,))]
-    return [inner_jaxpr(x)[0] for x in each if internals.is_jaxpr(x)]
+    return [x for x in each if internals.is_jaxpr(x)]
+
+
+def inner_jaxprs(equation: Any) -> list[Any]:
+    """Return the jaxprs in the parameters of an equation, without constants."""
+    return [inner_jaxpr(x)[0] for x in inner_programs(equation)]
 
 
 def write_equations(

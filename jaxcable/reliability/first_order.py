@@ -13,22 +13,21 @@ from jax import lax
 from jax.scipy.special import ndtr
 
 from ..common import checks, status
-from ..common.function_programs import ProgramCache
 from ..common.jax_internals import convert_closure
-from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Float
+from ..common.types import ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
 from ..design.search_loop import is_plain_call, search_in_program, search_on_host
 from ..linear import unbatched
+from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
 from .distributions import Distribution
 from .first_order_result import FirstOrder
 from .index_derivative import attach_derivative, without_derivative
 from .limit_states import (
-    limit_state_names,
     limit_state_vector,
     names_of_outcome,
     require_limit_state,
+    trace_limit_state,
 )
 from .quantities import Quantities, as_quantities, split_by_name
 from .search import advance_search, begin_search
@@ -58,8 +57,8 @@ def first_order(
         quantities: `Quantities`, or a dict of independent distributions by name.
 
     Options:
-        args: tuple of further arguments of the limit state, any pytrees. It is traced once per
-            function object: variables that it captures become constants of the program.
+        args: tuple of further arguments of the limit state, any pytrees. The limit state is traced
+            once in every call, so that it sees what it reads from outside now.
         start: values by name at which the search begins; those that it lacks are at their medians,
             where all are by default. A design point is the nearest one around: other starts may
             lead to others.
@@ -106,60 +105,39 @@ def first_order(
     tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
     begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
     task = quantities, tuple(args), begin
-    if is_plain_call((*task, tol)):
-        return _search_on_host(_evaluations(limit_state), *task, steps, tol)
-    return _programs(limit_state, steps)(*task, tol)
+    traced = trace_limit_state(limit_state, quantities, tuple(args))
+    if is_plain_call((traced, *task, tol)):
+        return _search_on_host(traced, *task, steps, tol)
+    within = _within_program.find((traced.equations, steps), lambda: _make_traced_search(steps))
+    return within(traced, *task, tol)
 
 
-def _vector(reference, quantities, args, u):
-    """Return all limit states of the function ``reference()`` at u."""
-    return limit_state_vector(reference()(quantities.values_at(u), *args))
+def _vector(limit_state, quantities, args, u):
+    """Return all limit states at u."""
+    return limit_state_vector(limit_state(quantities.values_at(u), *args))
 
 
-def _names(reference, quantities, args, u):
-    """Return the names of the limit states of the function ``reference()``; None for one number."""
-    return limit_state_names(lambda values: reference()(values, *args), quantities.values_at(u))
+@as_program
+def _evaluate(limit_state, number, quantities, args, state):
+    """Return one of the limit states, the one with this number, at a trial point, and its gradient.
 
-
-@pytree(static=("names",))
-class _Evaluation:
-    """One limit state at a point, its gradient [n], and the names of all; None for one number."""
-
-    value: Float[Array, ""]
-    gradient: Float[Array, " n"]
-    names: tuple[str, ...] | None
-
-
-def _make_evaluation(reference):
-    """Return the program that evaluates one of the limit states of the function ``reference()``.
-
-    It takes the number of the limit state, quantities, further arguments and the `SearchState`.
+    `limit_state` is a `TracedFunction`; the gradient is [n].
     """
-
-    def evaluate(number, quantities, args, state):
-        def one(u):
-            outcome = reference()(quantities.values_at(u), *args)
-            value = limit_state_vector(outcome)[number]
-            return value, _Evaluation(value, u, names_of_outcome(outcome))
-
-        (value, found), gradient = jax.value_and_grad(one, has_aux=True)(state.trial())
-        return _Evaluation(value, gradient, found.names)
-
-    return as_program(evaluate)
+    return jax.value_and_grad(lambda u: _vector(limit_state, quantities, args, u)[number])(
+        state.trial()
+    )
 
 
-def _search_on_host(evaluate, quantities, args, begin, steps, tol):
-    """Search in Python, one limit state after the other; `evaluate` is of `_evaluations`."""
-    start = _initial_state(quantities, begin, tol)
-    first = [evaluate(np.int32(0), quantities, args, start)]  # it tells how many there are
-    names, results = first[0].names, []
+def _search_on_host(limit_state, quantities, args, begin, steps, tol):
+    """Search in Python, one limit state after the other."""
+    start, names = _initial_state(quantities, begin, tol), names_of_outcome(limit_state.result)
+    advance, results = functools.partial(_advance, tol=tol, steps=steps), []
     for number in range(1 if names is None else len(names)):
 
-        def evaluate_trial(state, number=number):
-            return first.pop() if first else evaluate(np.int32(number), quantities, args, state)
+        def evaluate(state, number=number):
+            return _evaluate(limit_state, np.int32(number), quantities, args, state)
 
-        advance = functools.partial(_advance, tol=tol, steps=steps)
-        results.append(_fields(search_on_host(evaluate_trial, advance, start), quantities))
+        results.append(_fields(search_on_host(evaluate, advance, start), quantities))
     fields = results[0]
     if names is not None:
         fields = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
@@ -173,21 +151,21 @@ def _initial_state(quantities, begin, tol):
 
 
 def _advance(state, found, tol, steps):
-    """Return the next state of a search, by an `_Evaluation`."""
-    return _advance_program(state, found.value, found.gradient, tol, steps=steps)
+    """Return the next state of a search, by what is `found`: limit state and gradient."""
+    return _advance_program(state, *found, tol, steps=steps)
 
 
 _advance_program = as_program(advance_search, static=("steps",))
 
 
-def _make_traced_search(reference, steps):
-    """Return `first_order` for the limit state ``reference()``, as a part of another program."""
+def _make_traced_search(steps):
+    """Return `first_order` as a part of another program; the limit state is a `TracedFunction`."""
 
-    def run(quantities, args, begin, tol):
-        names = _names(reference, quantities, args, begin)
+    def run(limit_state, quantities, args, begin, tol):
+        names = names_of_outcome(limit_state.result)
         # `numbers` are all that has a part in it but u: quantities, args, captured variables
         function, numbers = convert_closure(
-            lambda u: _vector(reference, quantities, args, u), begin
+            lambda u: _vector(limit_state, quantities, args, u), begin
         )
         numbers = [jnp.asarray(number) for number in numbers]
         held = lax.stop_gradient(numbers)
@@ -195,8 +173,7 @@ def _make_traced_search(reference, steps):
 
         def search(number):
             def evaluate(state):
-                found = jax.value_and_grad(lambda u: function(u, held)[number])(state.trial())
-                return _Evaluation(*found, names)
+                return jax.value_and_grad(lambda u: function(u, held)[number])(state.trial())
 
             advance = functools.partial(_advance, tol=within, steps=steps)
             state = search_in_program(evaluate, advance, _initial_state(own, start, within))
@@ -238,5 +215,4 @@ def _fields(state, quantities):
     )
 
 
-_evaluations = ProgramCache(_make_evaluation)
-_programs = ProgramCache(_make_traced_search)
+_within_program = KnownPrograms()

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, Float
+from ..programs.traced_function import TracedFunction, trace_function
+from .quantities import Quantities
 
 
 def require_limit_state(limit_state: Any) -> None:
@@ -41,14 +43,6 @@ def limit_state_vector(outcome: Any) -> Float[Array, " m"]:
     return jnp.ravel(jnp.asarray(outcome))
 
 
-def limit_state_names(function: Callable[[Any], Any], values: Any) -> tuple[str, ...] | None:
-    """Return the names of the limit states of a function; None if it returns one number.
-
-    Those of a dict are its names in alphabetical order, those of a vector "0", "1" and so on.
-    """
-    return names_of_outcome(jax.eval_shape(lambda values: _checked(function(values)), values))
-
-
 def names_of_outcome(outcome: Any) -> tuple[str, ...] | None:
     """Return the names of limit states, from what their function has returned as arrays."""
     if isinstance(outcome, dict):
@@ -57,7 +51,19 @@ def names_of_outcome(outcome: Any) -> tuple[str, ...] | None:
     return tuple(str(k) for k in range(shape[0])) if shape else None
 
 
-def _checked(outcome):
-    """Return the outcome as arrays, if it can be a vector."""
-    limit_state_vector(outcome)
-    return jax.tree.map(jnp.asarray, outcome)
+def trace_limit_state(
+    limit_state: Callable[..., Any], quantities: Quantities, args: tuple[Any, ...]
+) -> TracedFunction:
+    """Trace a limit state as a function of values by name and further arguments.
+
+    Raises:
+        ValueError: it returns something else than limit states.
+    """
+
+    def checked(values, *args):
+        outcome = limit_state(values, *args)
+        limit_state_vector(outcome)
+        return jax.tree.map(jnp.asarray, outcome)
+
+    u = jax.ShapeDtypeStruct((quantities.size,), jax.dtypes.canonicalize_dtype(float))
+    return trace_function(checked, jax.eval_shape(quantities.values_at, u), *args)

@@ -13,14 +13,13 @@ from jax.scipy.special import logsumexp
 
 from ..analysis.batches import batched
 from ..common import checks
-from ..common.function_programs import ProgramCache
 from ..common.jax_internals import is_tracing
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..programs.program_calls import as_program
 from .distributions import Distribution
 from .first_order_result import FirstOrder
-from .limit_states import limit_state_vector, require_limit_state
+from .limit_states import limit_state_vector, require_limit_state, trace_limit_state
 from .quantities import Quantities, as_quantities
 from .systems import stacked_results
 
@@ -101,7 +100,7 @@ def importance_sampling(
         samples: number of samples.
         key: number or key of jax, from which all samples follow.
         spread: standard deviation of the samples around design points.
-        args: tuple of further arguments of the limit state; with another tuple it is traced again.
+        args: tuple of further arguments of the limit state, any pytrees.
         chunk, devices: as for `batched`, which evaluates the limit state.
 
     Returns:
@@ -137,8 +136,9 @@ def importance_sampling(
         checks.require_whole_number(key, "key", 0)
         key = jax.random.key(key)
     generator, key = str(jax.random.key_impl(key)), jax.random.key_data(key)
-    own = functools.partial(_with_arguments, limit_state, args) if args else limit_state
-    evaluate = batched(_cases(own), chunk, devices=devices)
+    traced = trace_limit_state(limit_state, quantities, tuple(args))
+    one = functools.partial(_vector, traced, args)
+    evaluate = batched(one, chunk, devices=devices)
     size = min(samples, max(_ROUND, chunk or 1))
     rounds = -(-samples // size)
     sums: Any = 0.0
@@ -215,14 +215,6 @@ def _draw(quantities, key, number, centers, shares, spread, *, count, generator)
     return jax.vmap(quantities.values_at)(u), weight
 
 
-def _with_arguments(limit_state, args, values):
-    """Return the limit state with its further arguments."""
-    return limit_state(values, *args)
-
-
-def _vector_function(reference):
-    """Return the function of the values that gives all limit states as a vector."""
-    return lambda values: limit_state_vector(reference()(values))
-
-
-_cases = ProgramCache(_vector_function)
+def _vector(limit_state, args, values):
+    """Return all limit states for values by name, as a vector."""
+    return limit_state_vector(limit_state(values, *args))

@@ -20,7 +20,7 @@ from .cases import Cases, digest_of_values, table
 from .grid import divide
 from .running import compute_missing
 from .store import CAUSE, ResultStore, create_store, describe_variables
-from .task import ChunkTask, Settings, chunk_shapes, map_over_chunk, versions_in_use
+from .task import ChunkTask, Settings, chunk_shapes, versions_in_use
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,18 +177,22 @@ def study(
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
     grid = divide(cases.shape, chunk)
-    compute = map_over_chunk(function, grid)
-    shapes = chunk_shapes(cases.block(np.array([0])), grid)
+    path = Path(store).absolute()
+    own_cases = cases if client is None else cases.for_workers()
+    task = ChunkTask(function, own_cases, grid, path, settings.x64)
+    first = cases.block(np.array([0]))
+    try:
+        traced = task.trace(first)
+    except TypeError as error:
+        raise ValueError(f"function: {error}") from error
     named = {name: np.asarray(values) for name, values in _as_dict(coords, "coords").items()}
     units = _as_dict(units, "units")
     variables = describe_variables(
-        _results_of_one_case(compute, shapes), cases, _as_dict(dims, "dims"), units, named
+        _results_of_one_case(traced.result), cases, _as_dict(dims, "dims"), units, named
     )
-    about = _describe_study(compute, shapes, cases, grid, variables, named)
-    path = Path(store).absolute()
+    about = _describe_study(cases, grid, variables, named)
+    about["function"] = digest.of_function(traced, chunk_shapes(first, grid))
     opened = _open_or_create(path, cases, variables, about, named, units)
-    own_cases = cases if client is None else cases.for_workers()
-    task = ChunkTask(function, own_cases, grid, path, settings.x64)
     compute_missing(opened, task, cases, client, settings, progress, patience)
     return Study(path)
 
@@ -225,12 +229,8 @@ def _as_dict(stated, argument):
     return dict(stated or {})
 
 
-def _results_of_one_case(compute, shapes):
-    """Return shape and dtype of the results of one case by name, without computing."""
-    try:
-        results = jax.eval_shape(compute, shapes)
-    except TypeError as error:
-        raise ValueError(f"function: {error}") from error
+def _results_of_one_case(results):
+    """Return shape and dtype of the results of one case by name, from those of a chunk of cases."""
     if not isinstance(results, dict):
         raise ValueError(
             f"function: expected a dict of arrays by name, got {type(results).__name__}"
@@ -247,7 +247,7 @@ def _results_of_one_case(compute, shapes):
     }
 
 
-def _describe_study(compute, shapes, cases, grid, variables, coords):
+def _describe_study(cases, grid, variables, coords):
     """Return what a study computes, as a dict of texts, numbers and lists."""
     return {
         "shape": list(grid.shape),
@@ -259,7 +259,6 @@ def _describe_study(compute, shapes, cases, grid, variables, coords):
         **cases.digests(),
         **dict(zip(("jaxcable", "jax", "backend"), versions_in_use(), strict=True)),
         "fuse_loops": are_loops_fused(),
-        "function": digest.of_function(compute, shapes),
     }
 
 

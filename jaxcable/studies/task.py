@@ -26,7 +26,7 @@ from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
 from ..common.kept_programs import keep_programs, kept_programs_folder
 from ..common.types import PyTree
-from ..programs.program_calls import as_program
+from ..programs.traced_function import TracedFunction, evaluate_traced, trace_function
 from .cases import Block, Cases
 from .grid import ChunkGrid
 from .store import CAUSE, STATUS, ResultStore, fill_value
@@ -173,14 +173,20 @@ class ChunkTask:
     ):
         self.function, self.cases, self.grid, self.path = function, cases, grid, path
         self.x64 = x64
+        self._traced: TracedFunction | None = None
 
     def __reduce__(self):
         return ChunkTask, (self.function, self.cases, self.grid, self.path, self.x64)
 
-    @functools.cached_property
-    def compute(self) -> Callable[[Block], dict[str, Any]]:
-        """The program of a chunk of cases; it takes no threads beside the calling one."""
-        return as_program(map_over_chunk(self.function, self.grid))
+    def trace(self, block: Block) -> TracedFunction:
+        """Return the function of a chunk of cases, traced at the first call, for all chunks.
+
+        It takes no threads beside the calling one.
+        """
+        if self._traced is None:
+            function = map_over_chunk(self.function, self.grid)
+            self._traced = trace_function(function, chunk_shapes(block, self.grid))
+        return self._traced
 
     def require_same_study(self, block: Block | None) -> None:
         """Raise RuntimeError if this process has another function, or draws other cases.
@@ -192,9 +198,9 @@ class ChunkTask:
         if block is None:
             block = self.cases.block(np.array([0]))
             self._require_equal("cases", self.cases.digests()["cases"], about["cases"])
-        shapes, function = chunk_shapes(block, self.grid), map_over_chunk(self.function, self.grid)
-        if "callback" not in str(jax.make_jaxpr(function)(shapes)):
-            text = digest.of_function(function, shapes)
+        traced = self.trace(block)
+        if "callback" not in str(traced.equations.jaxpr):
+            text = digest.of_function(traced, chunk_shapes(block, self.grid))
             self._require_equal("function", text, about["function"])
 
     def _require_equal(self, name, here, there):
@@ -264,7 +270,9 @@ class ChunkTask:
         size = self.grid.chunk_size
         filled = numbers[np.minimum(np.arange(size), len(numbers) - 1)]
         try:
-            found = self.compute(jax.tree.map(lambda leaf: leaf[filled], block))
+            found = evaluate_traced(
+                self.trace(block), jax.tree.map(lambda leaf: leaf[filled], block)
+            )
             yield (
                 numbers,
                 {name: np.asarray(value)[: len(numbers)] for name, value in found.items()},

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.analysis import batches
 
 SCRIPT = Path(__file__).parents[2] / "experiments" / "several_devices.py"
 STRUCTURE, _ = jc.scenes.flat_net()
@@ -82,23 +83,24 @@ def test_random_keys_are_cases():
     np.testing.assert_allclose(found, jax.vmap(jax.random.normal)(keys), rtol=1e-14)
 
 
-def test_the_same_function_is_traced_once():
-    """Whatever object of `batched` calls it; another number of cases at once is another program."""
-    traced = []
+def test_the_same_program_serves_all_calls():
+    """Another number of cases at once, or another number in it, is another program."""
 
-    def square(x):
-        traced.append(1)
-        return x**2
+    def power(x):
+        return x**exponent
 
-    cases = jnp.arange(4.0)
-    for _ in range(2):
-        np.testing.assert_array_equal(jc.batched(square)(cases), cases**2)
-    assert len(traced) == 1
-    jc.batched(square)(jnp.arange(5.0))
-    assert len(traced) == 2
+    known, exponent = batches._map_cases.known, 2
+    known.clear()
+    for count in (1, 1, 2):
+        cases = jnp.arange(3.0 + count)
+        np.testing.assert_array_equal(jc.batched(power)(cases), cases**2)
+        assert len(known) == count
     for many in (jnp.arange(4.0), jnp.arange(7.0)):  # chunks of two cases
-        np.testing.assert_array_equal(jc.batched(square, chunk=2)(many), many**2)
-    assert len(traced) == 3
+        np.testing.assert_array_equal(jc.batched(power, chunk=2)(many), many**2)
+    assert len(known) == 3
+    exponent = 3
+    np.testing.assert_array_equal(jc.batched(power)(cases), cases**3)
+    assert len(known) == 4
     kept = jc.batched(lambda x: 2 * x)  # nobody else has this function
     gc.collect()
     np.testing.assert_array_equal(kept(cases), 2 * cases)

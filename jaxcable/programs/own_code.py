@@ -1,0 +1,47 @@
+"""What programs depend on beside their arguments: the code of classes that a user has written."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from ..common import digest
+
+
+def own_code(tree: Any) -> str | None:
+    """Return a digest of the code of users' classes in a structure of arguments, as of now.
+
+    It covers what their methods read from outside, which may have changed since the last call.
+    None if all classes are of the package or of libraries.
+
+    Args:
+        tree: structure of a pytree (`jax.tree.structure`).
+    """
+    try:
+        own = _objects_of_users(tree)
+    except TypeError:  # not hashable: with traced indices
+        own = _objects_of_users.__wrapped__(tree)
+    return digest.of_host_function(own) if own else None
+
+
+@functools.lru_cache(maxsize=256)
+def _objects_of_users(tree):
+    """Return users' classes of the nodes of a tree, and users' objects in static fields."""
+    found = []
+
+    def add(value):
+        if isinstance(value, tuple | list):
+            for part in value:
+                add(part)
+        elif not digest.is_of_library(getattr(value, "__module__", "builtins")):
+            found.append(value)
+
+    def visit(tree):
+        data = tree.node_data()
+        if data is not None:
+            add(data)
+        for child in tree.children():
+            visit(child)
+
+    visit(tree)
+    return tuple(dict.fromkeys(found))
