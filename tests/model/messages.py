@@ -825,6 +825,7 @@ reliability.first_order(lambda x: {"a": jnp.ones(2)}, {"a": STANDARD})
     # limit_state: expected a scalar float...got float64[2]
 reliability.first_order(lambda x: {}, {"a": STANDARD})  # limit_state: ...got an empty one
 reliability.first_order(lambda x: x["a"], {"a": STANDARD}, steps=0)  # steps = 0
+reliability.first_order(lambda x: x["a"], {"a": STANDARD}, points=0)  # points = 0
 reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, 3.0)
     # center: expected the result of first_order, or a list, got float
 reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, samples=1)  # samples = 1
