@@ -177,6 +177,14 @@ def test_a_network_cut_off(cut, tmp_path):
     assert net is None and "line 1, column" in told
 
 
+def test_a_session_of_compas_fofin_by_its_own_suffix(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tent.fofin").write_text(json.dumps(session(cable_mesh())))
+    with pytest.warns(jc.InputWarning, match="constraint"):
+        assert main(["convert", "tent.fofin", "--save", "tent.json"]) == 0
+    assert len(jc.load_scene("tent.json").structure.nodes) == 4
+
+
 @pytest.mark.slow
 def test_a_network_becomes_a_scene(tmp_path):
     """q1 (x - 0) + q2 (x - 2) = 0, (q1 + q2) z = -1."""

@@ -761,8 +761,8 @@ design.combinations([jc.replace(SNOW, needs="ice")])
     # actions[0]: needs = 'ice': is no other action; there are 'snow'
 design.combinations([jc.replace(SNOW, kind="sno")])
     # actions[0]: kind = 'sno': the rules do not have it; ...did you mean 'snow'
-design.combinations([jc.replace(SNOW, source="steel")])
-    # actions[0]: source: 'snow' is no permanent action
+design.combinations([jc.replace(SNOW, kind="accidental", source="steel")])
+    # actions[0]: source: 'snow' is neither a permanent nor a variable action
 design.combinations([DEAD, jc.replace(SNOW, kind="prestress", exclusive="a")])
     # actions[1]: exclusive: 'snow' is no variable action
 design.combinations([SNOW], which=["ULS"])  # which: 'ULS': no such rule; there are
