@@ -206,8 +206,8 @@ def combinations(
 
     Options:
         which: names of the rules to combine by, such as ["ULS 6.10a", "ULS 6.10b"]; default: all
-            that are not marked "on request". Actions that these rules leave out, as those of
-            serviceability do accidental ones, have the factor zero.
+            that are not marked "on request". Accidental and seismic actions have the factor zero
+            where these rules leave their kind out.
         increments: in how many equal steps each case is applied.
 
     Returns:
@@ -261,8 +261,9 @@ def combinations(
     if not rows:
         raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
     factors = np.array(rows)
+    left_out = _exceptional_kinds(rules["combinations"]) - _exceptional_kinds(chosen)
     for one, column in zip(actions, factors.T, strict=True):
-        if not column.any() and which is None:
+        if not column.any() and one.kind not in left_out:
             raise ValueError(
                 f"actions: {one.name!r} is in no combination of these rules: none has {one.kind!r} "
                 "together with what the action needs, or its factors are zero"
@@ -281,6 +282,12 @@ def combinations(
         tuple(kind for kind in kinds if kind is not None),
         str(rules.get("source", "")),
     )
+
+
+def _exceptional_kinds(combinations_by_name):
+    """Return the kinds of actions of which some combinations have one each, a set of texts."""
+    every = combinations_by_name.values()
+    return {kind for rule in every for kind in rule.get("exceptional", ())}
 
 
 def _require_few(count):
@@ -308,9 +315,8 @@ def _chosen_rules(rules, which):
 
 def _require_known_kinds(actions, rules, chosen):
     """Raise ValueError if the rules do not have the kind of an action, or its factors psi."""
-    every = rules["combinations"].values()  # those not chosen may be the ones that have a kind
-    exceptional = {kind for rule in every for kind in rule.get("exceptional", ())}
-    known = [*ALWAYS, *sorted(exceptional), *rules["kinds"]]
+    # rules that are not chosen may be the ones that have an exceptional kind
+    known = [*ALWAYS, *sorted(_exceptional_kinds(rules["combinations"])), *rules["kinds"]]
     used = {
         f
         for rule in chosen.values()

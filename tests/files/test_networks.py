@@ -177,12 +177,18 @@ def test_a_network_cut_off(cut, tmp_path):
     assert net is None and "line 1, column" in told
 
 
-def test_a_session_of_compas_fofin_by_its_own_suffix(tmp_path, monkeypatch):
+def test_sessions_of_compas_fofin_by_their_own_suffix(tmp_path, monkeypatch, capsys):
+    """That of today; and as its command FOFIN_save wrote: settings beside the data of a net."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "tent.fofin").write_text(json.dumps(session(cable_mesh())))
-    with pytest.warns(jc.InputWarning, match="constraint"):
-        assert main(["convert", "tent.fofin", "--save", "tent.json"]) == 0
-    assert len(jc.load_scene("tent.json").structure.nodes) == 4
+    old = {"settings": {"file.name": "tent.fofin", "layer": "net"}, "cablenet": mesh()["data"]}
+    old["cablenet"]["vertex"]["0"]["is_anchor"] = True
+    for data in (session(cable_mesh()), old):
+        (tmp_path / "tent.fofin").write_text(json.dumps(data))
+        words = ["convert", "tent.fofin", "--axial-stiffness", "1e5", "--save", "tent.json"]
+        assert main(words) == 0, capsys.readouterr().err
+        structure = jc.load_scene("tent.json").structure
+        assert structure.n_node == 4
+        assert sum(len(group.links) for group in structure.groups) == 5
 
 
 @pytest.mark.slow
