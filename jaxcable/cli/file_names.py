@@ -24,7 +24,7 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "geometry": "node,x (",
     "properties": "group,kind,elements,EA (",
     "phases": "phase,name,what,text",
-    "displacements": "node,phase,ux (",
+    "displacements": ("node,phase,ux (", "node,case,ux ("),
     "displacement_envelope": "node,min ux (",
     "groups": "group,elements,lowest (",
     "reactions": ("node,Rx (", "node,by,Rx ("),

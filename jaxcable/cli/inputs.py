@@ -75,7 +75,7 @@ def parse_units(words: str | None, option: str = "--units") -> Units | None:
 def is_scene_file(options: Namespace) -> bool:
     """Return whether `options.files` is a single scene file."""
     name, largest = options.files[0], int(options.largest * 1e6)
-    if len(options.files) != 1 or not name.lower().endswith(".json"):
+    if len(options.files) != 1 or not name.lower().endswith((".json", ".fofin")):
         return False
     return read_json(name, largest).get("format") == FORMAT
 
@@ -103,7 +103,7 @@ _FORMATS_OF_OPTIONS = {
     "sagitta": (".dxf",),
     "hidden": (".dxf",),
     "columns": (".csv",),
-    "units": (".obj", ".dxf", ".csv", ".json"),
+    "units": (".obj", ".dxf", ".csv", ".json", ".fofin"),
 }
 """Suffixes of the files for which each option of reading is meant."""
 
@@ -183,11 +183,13 @@ def _read_net_files(options):
                 largest=largest,
                 **drawn,
             )
-    if suffixes == [".json"]:
+    if suffixes in ([".json"], [".fofin"]):
         if read_json(paths[0], largest).get("format") == FORMAT:
             raise BadInput(f"{paths[0]}: is a scene of jaxcable already")
         return read_network(paths[0], largest, units=units)
-    raise BadInput(f"{paths[0]}: expected .obj, .dxf, .json, or two .csv tables (nodes, links)")
+    raise BadInput(
+        f"{paths[0]}: expected .obj, .dxf, .json, .fofin, or two .csv tables (nodes, links)"
+    )
 
 
 def reader_of_numbers(units: Units | None, unit: str) -> Callable[[str], float]:

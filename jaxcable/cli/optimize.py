@@ -25,7 +25,6 @@ from ..model.result_parts import (
     values_per_group,
 )
 from ..reporting.load_descriptions import range_text
-from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
 from .solving import solve_scene
@@ -122,8 +121,7 @@ def run(options: Namespace) -> None:
     cause = "the limits are violated" if violated else "the search did not converge"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, pretension_of(found.params))
-        made = Scene(structure, phases_with(best))
-        save_scene(options.save, made, units=units, actions=scene.actions)
+        save_scene(options.save, scene._replace(phases=phases_with(best)))
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += f", the best one found: {cause}"

@@ -140,7 +140,8 @@ def _add_input_files(command, scene=True):
         command.add_argument("scene", help=text)
     else:
         text = (
-            "scene (.json), net of compas or jax_fdm (.json), .obj, .dxf, or two .csv: nodes, links"
+            "scene (.json), net of compas or jax_fdm (.json), session of compas_fofin (.fofin), "
+            ".obj, .dxf, or two .csv: nodes, links"
         )
         command.add_argument("files", nargs="+", metavar="file", help=text)
         text = (
@@ -205,9 +206,10 @@ def _add_solve(commands):
     _add_save_option(command, text, action="append", default=[])
     text = (
         "report: displacements, reactions, forces, cutting list; to a .pdf, .xlsx, .html, .txt, "
-        ".csv or .json file, or without FILE on the screen"
+        ".csv or .json file, or without FILE on the screen; can be repeated"
     )
-    command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
+    settings = {"nargs": "?", "const": "-", "action": "append", "default": []}
+    command.add_argument("--report", metavar="FILE", help=text, **settings)
     for name in ("title", "author", "date"):
         text = f"{name} in the report (.pdf, .html, .xlsx)"
         command.add_argument(f"--{name}", metavar="TEXT", help=text)

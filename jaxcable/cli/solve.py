@@ -38,15 +38,17 @@ def run(options: Namespace) -> int | None:
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
-    if options.report not in (None, "-"):
-        outputs.check_suffix(options.report, outputs.REPORTS, "--report")
+    report_paths = [path for path in options.report if path != "-"]
+    for path in report_paths:
+        outputs.check_suffix(path, outputs.REPORTS, "--report")
         with refuse_value_errors("--report"):
-            require_writer(options.report)
-    report_path = None if options.report == "-" else options.report
+            require_writer(path)
     results = [
         file for path in options.save for file in file_names.files_to_write(path, file_names.RESULT)
     ]
-    reports = file_names.files_to_write(report_path, file_names.REPORT)
+    reports = [
+        file for path in report_paths for file in file_names.files_to_write(path, file_names.REPORT)
+    ]
     require_writable(options.plot, *results, *reports, inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = inputs.shown_units(options, scene), scene
@@ -62,22 +64,23 @@ def run(options: Namespace) -> int | None:
             over_cases = {"cases": cases, "combinations": combinations}
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
-        energy = options.report is not None and not staged
+        energy = bool(options.report) and not staged
+        names = scene.phase_names
         findings = report(
             structure,
             solution,
-            phases,
+            phases if names is None else dict(zip(names, phases, strict=True)),
             energy=energy,
             units=units,
-            model=options.report not in (None, "-"),  # for the screen there is `info`
+            model=bool(report_paths),  # for the screen there is `info`
             **over_cases,
         )
-    if options.report is not None and staged:
+    if options.report and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     # before anything is printed, because the reader of a pipe may end
     wrote = _write_files(options, structure, solution, findings, over_cases)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
-    print(findings.text() if options.report == "-" else "\n".join(findings.summary))
+    print(findings.text() if "-" in options.report else "\n".join(findings.summary))
     largest = describe_largest_values(solution, units)
     if combinations is not None and over_cases:
         largest += describe_largest_values_of_cases(cases, combinations, units)
@@ -94,10 +97,12 @@ def run(options: Namespace) -> int | None:
 def _write_files(options, structure, solution, findings, over_cases):
     """Write report, results and picture to the files that options name; return their paths."""
     wrote = []
-    if options.report not in (None, "-"):
-        wrote = findings.save(
-            options.report,
-            pictures=_pictures_for_report(options, structure, solution, findings, over_cases),
+    for path in options.report:
+        if path == "-":
+            continue
+        wrote += findings.save(
+            path,
+            pictures=_pictures_for_report(path, structure, solution, findings, over_cases),
             title=options.title or Path(options.scene).stem,
             author=options.author,
             date=options.date,
@@ -114,9 +119,9 @@ def _write_files(options, structure, solution, findings, over_cases):
     return wrote
 
 
-def _pictures_for_report(options, structure, solution, findings, over_cases):
+def _pictures_for_report(path, structure, solution, findings, over_cases):
     """Return the pictures of a report by their captions, of a format that shows them."""
-    if not options.report.lower().endswith((".pdf", *outputs.PAGES)):
+    if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
     names = over_cases["combinations"].names if over_cases else None
     cases = over_cases.get("cases")

@@ -39,6 +39,7 @@ SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
 STATIONARY = 26
 NOT_AS_BUILT = 27
+NOT_NEAREST = 28
 
 NAMES: dict[int, str] = {
     code: name
@@ -163,6 +164,11 @@ _TEXTS = {
         "a tension below the least that weight alone gives), or they are far from those of the "
         "structure as drawn; state fewer, or lengths of the others (rest_length), or look for "
         "near ones with design.tune"
+    ),
+    NOT_NEAREST: (
+        "the point where the search for a design point ended is not the nearest one that fails: "
+        "the distance is not a minimum there, and restarts beside it found none, or a nearer point "
+        "fails; begin nearer to that one (start), or allow more steps and points"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

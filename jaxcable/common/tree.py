@@ -327,7 +327,10 @@ def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """Return the pytree `new` if a condition holds, else `old`, by a select of every leaf."""
 
     def one(a, b):
+        same = a is b  # as a leaf that a step leaves as it was
         a, b = jnp.asarray(a), jnp.asarray(b)
+        if same and jnp.ndim(condition) == 0:
+            return a
         if jnp.ndim(condition) == 0 and (a.shape, a.dtype) == (b.shape, b.dtype):
             return lax.select(jnp.asarray(condition), a, b)  # less code than `jnp.where`
         return jnp.where(condition, a, b)

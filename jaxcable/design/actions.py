@@ -43,7 +43,9 @@ class Action:
             directions of the wind.
         source: permanent actions of one source have one factor together, unfavourable or
             favourable for all of them (EN 1990, table A1.2, set B, note 3); without a name each
-            action is a source of its own.
+            action is a source of its own. Variable actions of one source are parts of one action,
+            such as the imposed load on each of several floors: each part is there or absent, and
+            all that are there lead, or accompany another action, together.
         needs: names of actions without which this one does not act: wind on iced members needs ice.
         excludes: names of actions with which this one does not act.
 

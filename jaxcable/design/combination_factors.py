@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .actions import Action
-from .combination_rules import ALWAYS
+from .combination_rules import ALWAYS, alternatives
 
 
 def sets_of_variables(
@@ -84,13 +84,14 @@ def _factors_of_variables(actions, rules, rule, acting) -> Iterator[dict[int, fl
         if found is not None:
             yield {k: found[actions[k].kind] for k in acting}
         return
-    for leading in acting or [None]:
+    sources = {k: actions[k].source or (k,) for k in acting}
+    for leading in dict.fromkeys(sources.values()) or [None]:
         row = {}
         for k in acting:
             kind = rules["kinds"][actions[k].kind]
             psi = dict(zip(("psi0", "psi1", "psi2"), kind.get("psi", ()), strict=False))
             values = {"gamma": kind.get("gamma", rules["gamma"]), **psi}
-            terms = rule["leading" if k == leading else "accompanying"]
+            terms = rule["leading" if sources[k] == leading else "accompanying"]
             row[k] = float(np.prod([values[term] for term in terms]))
         yield row
 
@@ -98,11 +99,11 @@ def _factors_of_variables(actions, rules, rule, acting) -> Iterator[dict[int, fl
 def _listed_factors(rule, kinds):
     """Return the factor of each kind by a rule with `terms`; None if they cannot act together."""
     found = {kind: rule["terms"][kind] for kind in kinds if kind in rule["terms"]}
-    for table in rule.get("one of", ()):
-        one = kinds & set(table)
-        if len(one) > 1:
+    for one_of in rule.get("one of", ()):
+        acting = [table for table in alternatives(one_of) if kinds & set(table)]
+        if len(acting) > 1:
             return None
-        found |= {kind: table[kind] for kind in one}
+        found |= {kind: table[kind] for table in acting for kind in kinds & set(table)}
     return found if set(found) == kinds else None
 
 

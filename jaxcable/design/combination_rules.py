@@ -14,7 +14,7 @@ Rules are a dict, as JSON holds it:
   - ``leading``, ``accompanying``: factors to multiply, among "gamma", "psi0", "psi1", "psi2", as
     in EN 1990: each action that acts leads in turn; or
   - ``terms``, factor by kind, and ``one of``, list of such dicts of which one kind each acts, as in
-    ASCE 7.
+    ASCE 7. A list of dicts in place of such a dict: the kinds of one of them act, together.
 """
 
 from __future__ import annotations
@@ -131,10 +131,10 @@ def _check_combination(where, rule, kinds):
                 raise ValueError(
                     f"rules: {where}[{key!r}] = {factor!r}: expected one of {', '.join(FACTORS)}"
                 )
-    tables = {"exceptional": rule.get("exceptional", {}), "terms": rule.get("terms", {})}
-    for k, table in enumerate(rule.get("one of", ())):
-        tables[f"one of[{k}]"] = table
-    for key, table in tables.items():
+    tables = [("exceptional", rule.get("exceptional", {})), ("terms", rule.get("terms", {}))]
+    for k, one_of in enumerate(rule.get("one of", ())):
+        tables += [(f"one of[{k}]", table) for table in alternatives(one_of)]
+    for key, table in tables:
         for kind, factor in table.items():
             if key != "exceptional" and kind not in kinds:
                 hint = checks.suggest_names(kind, kinds)
@@ -167,6 +167,13 @@ def with_origin(clause: str, name: str, rules: Mapping[str, Any]) -> str:
     return clause
 
 
+def alternatives(one_of: Mapping[str, float] | list[dict[str, float]]) -> list[dict[str, float]]:
+    """Return the alternatives of an entry of ``one of``: dicts, each of kinds that act together."""
+    if isinstance(one_of, list):
+        return one_of
+    return [{kind: factor} for kind, factor in one_of.items()]
+
+
 def describe_factors(rule: Mapping[str, Any]) -> str:
     """Return by which factors a rule multiplies actions: "permanent 1.35 or 1, leading gamma"."""
     parts = [f"{kind} {' or '.join(f'{f:g}' for f in rule[kind])}" for kind in ALWAYS]
@@ -176,7 +183,11 @@ def describe_factors(rule: Mapping[str, Any]) -> str:
             parts.append(f"{key} {' '.join(rule[key]) or 1}")
     parts += [f"{kind} {factor:g}" for kind, factor in rule.get("terms", {}).items()]
     for one_of in rule.get("one of", ()):
-        parts.append(f"one of ({', '.join(f'{kind} {f:g}' for kind, f in one_of.items())})")
+        words = (
+            " and ".join(f"{kind} {f:g}" for kind, f in table.items())
+            for table in alternatives(one_of)
+        )
+        parts.append(f"one of ({', '.join(words)})")
     return ", ".join(parts)
 
 

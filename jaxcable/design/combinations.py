@@ -16,7 +16,7 @@ from ..analysis.phases import Phase
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Float
-from ..loads import as_list, combine
+from ..loads import NodalLoads, as_list, combine
 from .actions import Action, check_actions
 from .combination_factors import rows_of_rule, sets_of_variables
 from .combination_rules import (
@@ -129,6 +129,8 @@ class Combinations:
         acting = [k for k in range(len(self.actions)) if (added[:, k] != 0).any()]
         loads = {k: as_list(self.actions[k].loads) for k in acting}
         loads = {k: one for k, one in loads.items() if one}
+        if not acting:  # the phases have all: a load of zero gives the batch its axis
+            loads = {0: [NodalLoads([0], (0.0, 0.0, 0.0))]}
         batch = combine(loads, added[:, list(loads)]) if loads else None
         changes = {
             name: self._sum_of(name, acting, added) for name in ("temperature", "shortening")
@@ -204,7 +206,8 @@ def combinations(
 
     Options:
         which: names of the rules to combine by, such as ["ULS 6.10a", "ULS 6.10b"]; default: all
-            that are not marked "on request".
+            that are not marked "on request". Accidental and seismic actions have the factor zero
+            where these rules leave their kind out.
         increments: in how many equal steps each case is applied.
 
     Returns:
@@ -258,8 +261,9 @@ def combinations(
     if not rows:
         raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
     factors = np.array(rows)
+    left_out = _exceptional_kinds(rules["combinations"]) - _exceptional_kinds(chosen)
     for one, column in zip(actions, factors.T, strict=True):
-        if not column.any():
+        if not column.any() and one.kind not in left_out:
             raise ValueError(
                 f"actions: {one.name!r} is in no combination of these rules: none has {one.kind!r} "
                 "together with what the action needs, or its factors are zero"
@@ -278,6 +282,12 @@ def combinations(
         tuple(kind for kind in kinds if kind is not None),
         str(rules.get("source", "")),
     )
+
+
+def _exceptional_kinds(combinations_by_name):
+    """Return the kinds of actions of which some combinations have one each, a set of texts."""
+    every = combinations_by_name.values()
+    return {kind for rule in every for kind in rule.get("exceptional", ())}
 
 
 def _require_few(count):
@@ -305,8 +315,8 @@ def _chosen_rules(rules, which):
 
 def _require_known_kinds(actions, rules, chosen):
     """Raise ValueError if the rules do not have the kind of an action, or its factors psi."""
-    exceptional = {kind for rule in chosen.values() for kind in rule.get("exceptional", ())}
-    known = [*ALWAYS, *sorted(exceptional), *rules["kinds"]]
+    # rules that are not chosen may be the ones that have an exceptional kind
+    known = [*ALWAYS, *sorted(_exceptional_kinds(rules["combinations"])), *rules["kinds"]]
     used = {
         f
         for rule in chosen.values()
@@ -322,8 +332,10 @@ def _require_known_kinds(actions, rules, chosen):
             raise ValueError(f"rules: kinds[{one.kind!r}] has no factors 'psi'")
         if one.exclusive is not None and not variable:
             raise ValueError(f"actions[{k}]: exclusive: {one.name!r} is no variable action")
-        if one.source is not None and one.kind != "permanent":
-            raise ValueError(f"actions[{k}]: source: {one.name!r} is no permanent action")
+        if one.source is not None and not variable and one.kind != "permanent":
+            raise ValueError(
+                f"actions[{k}]: source: {one.name!r} is neither a permanent nor a variable action"
+            )
         if one.in_phases and variable and not one.has_parts:
             raise ValueError(
                 f"actions[{k}]: {one.name!r} is a variable action in the phases and has no loads: "

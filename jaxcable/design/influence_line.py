@@ -69,14 +69,19 @@ class InfluenceLine:
     path: Int[ArrayLike, " n"] | None
     on: Key = None
 
-    def at(self, distances: Float[ArrayLike, " n"]) -> Float[Array, "... n"]:
+    def at(
+        self, distances: Float[ArrayLike, ""] | Float[ArrayLike, " n"]
+    ) -> Float[Array, " ..."] | Float[Array, "... n"]:
         """Return the line at distances from the beginning of the path, [..., n]; zero beyond it.
 
-        Where the line has a jump, its value is that beyond the jump.
+        At one distance, a scalar, its shape is that of the result. Where the line has a jump, its
+        value is that beyond the jump.
         """
-        x = jnp.asarray(distances)
+        x = jnp.asarray(checks.as_floats(distances, "distances"))
+        if x.ndim == 0:
+            return self.at(x[None])[..., 0]
         if x.ndim != 1:
-            raise ValueError(f"distances: expected shape [n], got {x.shape}")
+            raise ValueError(f"distances: expected a number or shape [n], got {x.shape}")
         stations, coefficients = jnp.asarray(self.stations), jnp.asarray(self.coefficients)
         count = stations.shape[0] - 1
         piece = jnp.clip(jnp.searchsorted(stations, x, side="right") - 1, 0, count - 1)

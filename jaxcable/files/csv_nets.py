@@ -8,7 +8,7 @@ from os import PathLike
 import numpy as np
 
 from ..common.units import UnitsLike, as_units
-from .csv_tables import read_table
+from .csv_tables import read_table, require_same_decimal_mark
 from .net_units import read_in_units
 from .nets import ELEMENT_CLASSES, GROUP_PROPERTIES, PRESTRESS_INPUTS, Net
 from .omissions import Omissions
@@ -39,7 +39,8 @@ def read_csv(
       ``force_density``, ``prestrain``.
 
     Fields are separated by commas, semicolons or tabs. Numbers may have decimal commas where fields
-    are separated otherwise, and no number of the file has a point. An empty field means no value;
+    are separated otherwise, and no number of the file has a point; both files have the same mark.
+    An empty field means no value;
     lines that start with # are skipped. A column with another name is refused, unless `columns` is
     given.
 
@@ -88,7 +89,9 @@ def read_csv(
         loads.append([line.number("f" + axis, 0.0) for axis in "xyz"])
     pairs, kinds, groups, values = [], [], [], {}
     known = (*GROUP_PROPERTIES, *PRESTRESS_INPUTS)
-    for line in read_table(links, _LINK_COLUMNS, ("first", "last"), own, table, largest):
+    rows = read_table(links, _LINK_COLUMNS, ("first", "last"), own, table, largest)
+    require_same_decimal_mark(lines, rows)
+    for line in rows:
         for column in ("first", "last"):
             if line.text(column) not in names:
                 raise FileError(f"{line.place}: {column}: no node {line.text(column)!r}")

@@ -28,11 +28,13 @@ class TableRow(NamedTuple):
         place: the file and the line, in words.
         fields: dict from column to text.
         decimal_commas: whether numbers have decimal commas.
+        decimal_mark: the mark that numbers of this table have, "," or "."; "" if none shows.
     """
 
     place: str
     fields: dict[str, str]
     decimal_commas: bool
+    decimal_mark: str = ""
 
     def text(self, column: str) -> str:
         """Return the text of this row in a column; empty if the table has no such column."""
@@ -90,6 +92,8 @@ def read_table(
         raise FileError(f"{path}: a quote is not closed, or a field has a line break")
     words = [word.strip() for record in records for word in record]
     points = any(_DECIMAL_POINT.fullmatch(word) and word != "." for word in words)
+    commas = mark != "," and any(_DECIMAL_COMMA.fullmatch(word) for word in words)
+    decimal_mark = "." if points else "," if commas else ""
     found = []
     for (line, _), record in zip(lines[1:], records, strict=True):
         place = f"{path}: line {line}"
@@ -97,8 +101,21 @@ def read_table(
             raise FileError(f"{place}: {len(record)} fields, the header has {len(header)}")
         pairs = zip(columns, map(str.strip, record), strict=True)
         fields = {name: word for name, word in pairs if name is not None}
-        found.append(TableRow(place, fields, mark != "," and not points))
+        found.append(TableRow(place, fields, mark != "," and not points, decimal_mark))
     return found
+
+
+def require_same_decimal_mark(*tables: Sequence[TableRow]) -> None:
+    """Raise FileError if some tables have decimal commas and others decimal points.
+
+    One of them then has thousands marks that read as decimal ones: 1,200 as 1.2.
+    """
+    shown = {rows[0].decimal_mark: rows[0].place.rpartition(": ")[0] for rows in reversed(tables)}
+    if "," in shown and "." in shown:
+        raise FileError(
+            f"{shown[',']} has decimal commas, and {shown['.']} decimal points: write both files "
+            "with the same mark, and no mark of thousands"
+        )
 
 
 def _lines_and_separator(text):

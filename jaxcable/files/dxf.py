@@ -22,8 +22,13 @@ from .omissions import Omissions
 from .polylines import Polyline, net_from_polylines
 from .reading import LARGEST, FileError, read_bytes
 
-METRES_PER_UNIT = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
-"""Metres per unit, by the code in the header: inch, foot, mm, cm, m."""
+METRES_PER_UNIT = {
+    **{1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 8: 2.54e-8, 9: 2.54e-5},
+    **{10: 0.9144, 11: 1e-10, 12: 1e-9, 13: 1e-6, 14: 0.1, 15: 10.0, 16: 100.0, 17: 1e9},
+    **{18: 149_597_870_700.0, 19: 9_460_730_472_580_800.0, 20: 648_000 / np.pi * 149_597_870_700.0},
+    **{21: 1200 / 3937, 22: 100 / 3937, 23: 3600 / 3937, 24: 6_336_000 / 3937},
+}
+"""Metres per unit, by the code in the header ($INSUNITS in the DXF reference)."""
 
 BARS_PROPERTY, SUPPORTS_PROPERTY = "jaxcable bars", "jaxcable supports"
 """Properties of a drawing that `save_dxf` has written: names of layers."""
@@ -62,8 +67,8 @@ def read_dxf(
 
     Args:
         path: path of the file, DXF in ASCII.
-        scale: metres per unit of the file; None takes what the header says ($INSUNITS): mm, cm, m,
-            inches or feet.
+        scale: metres per unit of the file; None takes what the header says ($INSUNITS), of all
+            24 codes: mm, cm, m, inches, feet, US survey feet and so on.
 
     Options:
         tolerance: largest distance of points that become one node, m.

@@ -20,6 +20,7 @@ from .net_units import scale_in_units
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points
+_IMPERIAL = (1, 2, 3, 8, 9, 10, 21, 22, 23, 24)  # codes of units, from inch to survey mile
 _FORBIDDEN = str.maketrans(dict.fromkeys('<>/\\":;?*|=`,', "_"))  # in names of layers
 
 
@@ -71,12 +72,13 @@ def save_dxf(
     scale = 1.0 if scale is None else scale
     codes = {metres: unit for unit, metres in METRES_PER_UNIT.items()}
     if scale not in codes:
-        known = ", ".join(map(str, sorted(codes)))
-        raise ValueError(f"scale = {scale}: expected metres per drawing unit, one of {known}")
+        known = "such as 1.0 (m), 0.001 (mm), 0.0254 (in) or 0.3048 (ft)"
+        raise ValueError(f"scale = {scale}: expected metres per drawing unit of DXF, {known}")
     last = None if solution is None else end_state(structure, solution)
     places = np.asarray(structure.nodes if last is None else last.positions, float)
     document = import_ezdxf().new("R2010")
-    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = codes[scale], 1
+    document.header["$INSUNITS"] = codes[scale]
+    document.header["$MEASUREMENT"] = int(codes[scale] not in _IMPERIAL)
     space, points = document.modelspace(), (places / scale).tolist()
     layers = {"0", "defpoints"}
     for number, (name, group) in enumerate(named_groups_of(structure)):

@@ -30,6 +30,7 @@ from .end_of_analysis import end_state
 from .reading import LARGEST, FileError, read_json
 
 FORMAT = "jaxcable result"
+_FORMULA_BEGINS = ("=", "+", "-", "@", "\t", "\r")  # of cells, in spreadsheets
 _PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
 _PER_INCREMENT = (
     *("load_factor", "status", "iterations", "factorizations", "residual", "relative_residual"),
@@ -299,7 +300,23 @@ def result_tables(
 
 
 def format_csv(rows: Iterable[Iterable[Any]]) -> str:
-    """Return the rows of a table as CSV text, with all digits of floats."""
+    """Return rows as the text of a CSV table, with all digits of floats and without formulas.
+
+    A text that a spreadsheet would take for a formula, because it begins with ``=``, ``+``, ``-``,
+    ``@`` or a tab, gets an apostrophe before it, unless it is a number or this character alone.
+    """
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([_without_formula(cell) for cell in row] for row in rows)
     return text.getvalue()
+
+
+def _without_formula(cell):
+    """Return a cell; a text that begins as a formula with an apostrophe before it."""
+    if not isinstance(cell, str) or len(cell) < 2 or not cell.startswith(_FORMULA_BEGINS):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

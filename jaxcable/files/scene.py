@@ -9,10 +9,11 @@ The format, version 1::
       "elements": {"type": "Cables", "links": [[0, 1]], "axial_stiffness": 1e5},
       "supports": {"nodes": [0, 1]}},
      "phases": [
-      {"pretension": 200.0, "increments": 10},
+      {"name": "prestress", "pretension": 200.0, "increments": 10},
       {"loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -10.0]}}]}
 
-"actions" beside the phases are those that the rules of a standard combine (`design.Action`)::
+A phase may have a "name", for reports. "actions" beside the phases are those that the rules of a
+standard combine (`design.Action`)::
 
      "actions": [
       {"name": "snow", "kind": "snow",
@@ -35,7 +36,7 @@ something else.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 
 from ..analysis.phases import Phase, as_phases
@@ -61,7 +62,7 @@ MOST_INCREMENTS = 1_000_000
 
 def save_scene(
     path: str | PathLike[str],
-    scene: Scene | tuple[Structure, Phase | Sequence[Phase]],
+    scene: Scene | tuple[Structure, Phase | Sequence[Phase] | Mapping[str, Phase]],
     *,
     units: UnitsLike | None = None,
     actions: Sequence[Action] | None = None,
@@ -74,7 +75,7 @@ def save_scene(
 
     Args:
         path: path of the file.
-        scene: `Scene`, or a pair (structure, phases), in SI units.
+        scene: `Scene`, or a pair (structure, phases), in SI units; a dict of phases names them.
 
     Options:
         units: units of the numbers in the file, such as "kN, m" or "kip, ft, F", which the file
@@ -84,8 +85,9 @@ def save_scene(
 
     Raises:
         ValueError: a file cannot hold the scene: NaN, a traced number, names of groups that are no
-            texts; unknown units; a unit of temperatures that is needed, or a class of your own
-            whose docstring does not state the units of its fields.
+            texts; phases or actions that no analysis takes; unknown units; a unit of temperatures
+            that is needed, or a class of your own whose docstring does not state the units of its
+            fields.
         OSError: the file cannot be written.
 
     Example:
@@ -110,7 +112,11 @@ def save_scene(
         structure, phases = scene
     except (TypeError, ValueError):
         raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
+    names = list(phases) if isinstance(phases, Mapping) else getattr(scene, "phase_names", None)
+    phases = list(phases.values()) if isinstance(phases, Mapping) else phases
     phases = as_phases(structure, phases)
+    if names is not None:
+        _require_phase_names(names, len(phases))
     actions = list(getattr(scene, "actions", ()) if actions is None else actions)
     actions = check_actions(actions) if actions else []
     data = {
@@ -119,6 +125,10 @@ def save_scene(
     }
     if actions:
         data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
+    # after `encode`, which says what a file cannot hold: what is written can be read
+    _require_analysable(structure, phases)
+    for k, action in enumerate(actions):
+        _require_analysable_with(action, f"actions[{k}]", structure, phases)
     if stated is not None:
         convert = SceneConverter(stated, to_si=False)
         data["structure"] = convert.structure(data["structure"])
@@ -131,6 +141,9 @@ def save_scene(
                 convert.action(x, f"actions[{k}]", structure) for k, x in enumerate(data["actions"])
             ]
         data = {"units": stated.as_dict(), **data}
+    if names is not None:
+        named = zip(names, data["phases"], strict=True)
+        data["phases"] = [{"name": name, **phase} for name, phase in named]
     text = format_json({"format": FORMAT, "version": VERSION, **data})
     with atomic_write(path) as stream:
         stream.write(text + "\n")
@@ -225,18 +238,24 @@ def _decode_parts(data, convert):
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
             raise FileError(f"phases[{k}]: expected an object, got {_abbreviate(phase)}")
-        part = phase if convert is None else convert.phase(phase, f"phases[{k}]", structure)
+        part = {key: value for key, value in phase.items() if key != "name"}
+        part = part if convert is None else convert.phase(part, f"phases[{k}]", structure)
         phases.append(decode(part, f"phases[{k}]", Phase))
         if phases[-1].increments > MOST_INCREMENTS:
             count = phases[-1].increments
             raise FileError(f"phases[{k}].increments = {count}: at most {MOST_INCREMENTS} are read")
     try:
-        with without_warnings():  # the analysis gives warnings, reading does not
-            prepare(structure, phases, None, None)
+        _require_analysable(structure, phases)
     except ValueError as error:
-        named = str(error).startswith("phases[")
-        raise FileError(f"{'' if named else 'phases: '}{error}") from None
+        raise FileError(str(error)) from None
     scene = Scene(structure, phases)
+    if any("name" in phase for phase in data["phases"]):
+        names = [phase.get("name", f"phase {k}") for k, phase in enumerate(data["phases"], 1)]
+        try:
+            _require_phase_names(names, len(phases))
+        except ValueError as error:
+            raise FileError(str(error)) from None
+        scene = scene.with_phase_names(names)
     actions = _decode_actions(data.get("actions"), structure, phases, convert)
     return scene.with_actions(actions) if actions else scene
 
@@ -255,18 +274,46 @@ def _decode_actions(data, structure, phases, convert):
         part = own if convert is None else convert.action(own, where, structure)
         action = decode(part, where, Action)
         actions.append(action)
-        names = ("loads", "temperature", "shortening", "removes")
-        after = [*phases, Phase(**{name: getattr(action, name) for name in names})]
         try:
-            with without_warnings():
-                prepare(structure, after, None, None)
+            _require_analysable_with(action, where, structure, phases)
         except ValueError as error:
-            text = str(error).removeprefix(f"phases[{len(phases)}]").lstrip(": .")
-            raise FileError(f"{where}: {text}") from None
+            raise FileError(str(error)) from None
     try:
         return check_actions(actions) if actions else []
     except ValueError as error:
         raise FileError(str(error)) from None
+
+
+def _require_phase_names(names, count):
+    """Raise ValueError unless `names` are `count` different texts that are not empty."""
+    for k, name in enumerate(names):
+        if not isinstance(name, str) or not name.strip() or name in names[:k]:
+            raise ValueError(
+                f"phases[{k}]: name = {_abbreviate(name)}: expected a text that no other phase has"
+            )
+    if len(names) != count:
+        raise ValueError(f"phase_names: {len(names)} names for {count} phases")
+
+
+def _require_analysable(structure, phases):
+    """Raise ValueError, which names the phase, for phases that no analysis of a structure takes."""
+    try:
+        with without_warnings():  # the analysis gives warnings, files do not
+            prepare(structure, phases, None, None)
+    except ValueError as error:
+        named = str(error).startswith("phases[")
+        raise ValueError(f"{'' if named else 'phases: '}{error}") from None
+
+
+def _require_analysable_with(action, where, structure, phases):
+    """Raise ValueError, which begins with `where`, for an action that cannot follow the phases."""
+    names = ("loads", "temperature", "shortening", "removes")
+    after = [*phases, Phase(**{name: getattr(action, name) for name in names})]
+    try:
+        _require_analysable(structure, after)
+    except ValueError as error:
+        text = str(error).removeprefix("phases: ").removeprefix(f"phases[{len(phases)}]")
+        raise ValueError(f"{where}: {text.lstrip(': .')}") from None
 
 
 _KNOWN = ("structure", "phases", "units", "actions", COMMENT, "$schema")

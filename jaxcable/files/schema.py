@@ -72,6 +72,11 @@ _BY_GROUP = {
 }
 """How fields are written that state something by group, by how their annotations begin."""
 
+_PHASE_NAME: Schema = {
+    "type": "string",
+    "minLength": 1,
+    "description": "of the phase, in reports; each phase has another one",
+}
 _COMMENT: Schema = {"description": "anything, such as a text or a list of lines; it is not read"}
 _UNITS: Schema = {
     "description": "units of all numbers in this file, one of force and one of length, such as "
@@ -186,6 +191,7 @@ def _class_schema(cls, defs):
             {
                 "type": kind if named else {**kind, "doNotSuggest": True},
                 COMMENT: _COMMENT,
+                **({"name": _PHASE_NAME} if cls is Phase else {}),
                 **fields,
             },
             (["type"] if named else []) + needs,

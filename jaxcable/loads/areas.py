@@ -11,6 +11,7 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
+from ..common.units import SI, Units
 from ..numerics import scaled
 from .along import pad_moments, require_known_geometry
 from .faces import OnFaces, area_vectors
@@ -82,6 +83,22 @@ class AreaLoads(OnFaces, Measured):
         set_fields(self, factor=checks.as_scalar(self.factor, "factor"))
         checks.require_one_of(self.per, "per", AREA_REFERENCES)
         require_known_geometry(self.geometry, self.per)
+
+    def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self, units: Units = SI) -> str:
+        """Return the force per area, in `units`, and on how many faces or which group, as text."""
+        faces, on = (
+            self.faces,
+            "" if self.on is None or isinstance(self.on, tuple) else f" {self.on}",
+        )
+        where = f" on {len(faces)} faces" if faces is not None else on and f" on{on}"
+        forces, factor = (checks.array_if_known(x) for x in (self.forces, self.factor))
+        if forces is None or factor is None or forces.ndim != 1 or factor.ndim:
+            return f"AreaLoads{where} (per {self.per} area)"
+        size = ", ".join(f"{x:.6g}" for x in units.from_si(forces * factor, "N/m2"))
+        return f"AreaLoads{where}: ({size}) {units.name('N/m2')} (per {self.per} area)"
 
     def element_forces(
         self,

@@ -2,7 +2,7 @@
 
 from .distributions import Distribution, Gumbel, Lognormal, Normal, Uniform
 from .first_order import first_order
-from .first_order_result import FirstOrder
+from .first_order_result import DesignPoints, FirstOrder
 from .quantities import Quantities
 from .sampling import Sampling, importance_sampling
 from .systems import SeriesSystem, series_system
@@ -10,6 +10,7 @@ from .tolerance_budget import ToleranceBudget, tolerance_budget
 from .value_correlation import normal_correlation
 
 __all__ = [
+    "DesignPoints",
     "Distribution",
     "FirstOrder",
     "Gumbel",

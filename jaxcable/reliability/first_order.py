@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from jax.scipy.special import ndtr
 
 from ..common import checks, status
 from ..common.jax_internals import convert_closure
+from ..common.tree import copy_with
 from ..common.types import ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
 from ..design.search_loop import is_plain_call, search_in_program, search_on_host
@@ -21,8 +22,9 @@ from ..linear import unbatched
 from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
 from .distributions import Distribution
-from .first_order_result import FirstOrder
-from .index_derivative import attach_derivative, without_derivative
+from .exploration import advance_exploration, begin_exploration, estimated_error
+from .first_order_result import DesignPoints, FirstOrder
+from .index_derivative import attach_derivative, without_derivative, without_derivative_where
 from .limit_states import (
     limit_state_vector,
     names_of_outcome,
@@ -30,7 +32,8 @@ from .limit_states import (
     trace_limit_state,
 )
 from .quantities import Quantities, as_quantities, split_by_name
-from .search import advance_search, begin_search
+from .search import Point
+from .systems import NEVER, rows_without_point, union_bounds
 
 _TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
 
@@ -43,11 +46,18 @@ def first_order(
     start: Mapping[str, Float[ArrayLike, " ..."]] | None = None,
     steps: int = 100,
     tol: Float[ArrayLike, ""] | None = None,
+    points: int = 3,
 ) -> FirstOrder:
     """Find reliability index and design point by the first-order reliability method (FORM).
 
     The limit state is linearized at its most probable point in standard normal space, by exact
-    gradients (iHL-RF iteration: Zhang and Der Kiureghian 1995).
+    gradients (iHL-RF iteration: Zhang and Der Kiureghian 1995). Where the search ends, differences
+    of the gradient tell whether the distance is a minimum; if not, it goes on along the direction
+    of negative curvature. Searches for other design points begin at the origin, opposite to the
+    first point, and on either side in the direction in which the surface bends most; then, while
+    they find some, with the surface bulged out around known points (Der Kiureghian and Dakessian
+    1998). No search proves that there is no other point: `importance_sampling` without a center is
+    the independent check.
 
     Args:
         limit_state: function ``limit_state(values, *args)`` of the values of all quantities by
@@ -60,18 +70,22 @@ def first_order(
         args: tuple of further arguments of the limit state, any pytrees. The limit state is traced
             once in every call, so that it sees what it reads from outside now.
         start: values by name at which the search begins; those that it lacks are at their medians,
-            where all are by default. A design point is the nearest one around: other starts may
-            lead to others.
-        steps: largest number of accepted steps.
-        tol: largest distance of the point found from the surface and from the line along the
-            gradient, in standard normal space, over the distance from the origin (at least 1). The
-            error of `beta` is of its second order. Default: 1e-6 in float64, 1e-3 in float32.
+            where all are by default. It leads to the nearest design point around.
+        steps: largest number of accepted steps of each search.
+        tol: largest distance of the point found from the surface and, estimated by the curvature,
+            from the minimum, in standard normal space, over the distance from the origin (at least
+            1): so far off are `u` and `alpha`. The error of `beta` is of its second order. If a
+            surface is nearly a sphere (curvature below 0.01), or rounding prevents it,
+            `misalignment` says what was reached. Default: 1e-6 in float64, 1e-3 in float32.
+        points: largest number of design points of each limit state. With 1 there is no further
+            search, which takes a half to a fifth of the evaluations and may miss a nearer point.
 
     Returns:
         `FirstOrder`. Works under jit and vmap. The derivatives of `beta` and `probability` by
         means and scatters, correlations and all floats in `args`, or that the limit state captures,
         are exact: ``dG/dp / |dG/du|`` at the design point, which is stationary (envelope
-        theorem). The other results, and second derivatives, have NaN for a derivative.
+        theorem); so are those of ``points.beta``. The derivative of `probability` is NaN if there
+        are several design points. The other results, and second derivatives, have NaN.
 
     Called from Python, every trial point is a program of one limit state and its gradient; under
     jit, vmap or a derivative the whole search is a part of the program.
@@ -100,6 +114,7 @@ def first_order(
     require_limit_state(limit_state)
     quantities = as_quantities(quantities)
     checks.require_whole_number(steps, "steps")
+    checks.require_whole_number(points, "points")
     dtype = jax.dtypes.canonicalize_dtype(float)
     tol = check_tolerance(tol, _TOLERANCE[str(dtype)])
     tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
@@ -107,8 +122,9 @@ def first_order(
     task = quantities, tuple(args), begin
     traced = trace_limit_state(limit_state, quantities, tuple(args))
     if is_plain_call((traced, *task, tol)):
-        return _search_on_host(traced, *task, steps, tol)
-    within = _within_program.find((traced.equations, steps), lambda: _make_traced_search(steps))
+        return _search_on_host(traced, *task, tol, steps, points)
+    key = traced.equations, steps, points
+    within = _within_program.find(key, lambda: _make_traced_search(steps, points))
     return within(traced, *task, tol)
 
 
@@ -118,36 +134,39 @@ def _vector(limit_state, quantities, args, u):
 
 
 @as_program
-def _evaluate(limit_state, number, quantities, args, state):
-    """Return one of the limit states, the one with this number, at a trial point, and its gradient.
+def _evaluate(limit_state, number, quantities, args, u):
+    """Return one of the limit states, the one with this number, at the point u, and its gradient.
 
     `limit_state` is a `TracedFunction`; the gradient is [n].
     """
-    return jax.value_and_grad(lambda u: _vector(limit_state, quantities, args, u)[number])(
-        state.trial()
-    )
+    return jax.value_and_grad(lambda u: _vector(limit_state, quantities, args, u)[number])(u)
 
 
-def _search_on_host(limit_state, quantities, args, begin, steps, tol):
+def _search_on_host(limit_state, quantities, args, begin, tol, steps, points):
     """Search in Python, one limit state after the other."""
-    start, names = _initial_state(quantities, begin, tol), names_of_outcome(limit_state.result)
-    advance, results = functools.partial(_advance, tol=tol, steps=steps), []
+    start = _initial_state(quantities, begin, tol, points=points)
+    names, results = names_of_outcome(limit_state.result), []
+    advance = functools.partial(_advance, tol=tol, steps=steps)
     for number in range(1 if names is None else len(names)):
 
         def evaluate(state, number=number):
-            return _evaluate(limit_state, np.int32(number), quantities, args, state)
+            return _evaluate(limit_state, np.int32(number), quantities, args, state.trial)
 
         results.append(_fields(search_on_host(evaluate, advance, start), quantities))
     fields = results[0]
     if names is not None:
         fields = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
-    return FirstOrder(*fields, limit_states=names, layout=quantities.layout)
+    found = FirstOrder(*fields, limit_states=names, layout=quantities.layout)
+    count = max(int((~np.isnan(found.points.beta)).sum(axis=-1).max()), 1)
+    axis = 0 if names is None else 1
+    used = jax.tree.map(lambda leaf: leaf[(slice(None),) * axis + (slice(count),)], found.points)
+    return copy_with(found, points=used)
 
 
-@as_program
-def _initial_state(quantities, begin, tol):
+@functools.partial(as_program, static=("points",))
+def _initial_state(quantities, begin, tol, *, points):
     """Return the state before a search."""
-    return begin_search(begin, quantities.are_valid() & is_valid_tolerance(tol))
+    return begin_exploration(begin, quantities.are_valid() & is_valid_tolerance(tol), points)
 
 
 def _advance(state, found, tol, steps):
@@ -155,10 +174,10 @@ def _advance(state, found, tol, steps):
     return _advance_program(state, *found, tol, steps=steps)
 
 
-_advance_program = as_program(advance_search, static=("steps",))
+_advance_program = as_program(advance_exploration, static=("steps",))
 
 
-def _make_traced_search(steps):
+def _make_traced_search(steps, points):
     """Return `first_order` as a part of another program; the limit state is a `TracedFunction`."""
 
     def run(limit_state, quantities, args, begin, tol):
@@ -173,20 +192,18 @@ def _make_traced_search(steps):
 
         def search(number):
             def evaluate(state):
-                return jax.value_and_grad(lambda u: function(u, held)[number])(state.trial())
+                return jax.value_and_grad(lambda u: function(u, held)[number])(state.trial)
 
             advance = functools.partial(_advance, tol=within, steps=steps)
-            state = search_in_program(evaluate, advance, _initial_state(own, start, within))
-            code, beta, _, *others = _fields(state, own)
-            beta = attach_derivative(function, number, beta, state.point, numbers)
-            floats = [isinstance(x, dict) or x.dtype == beta.dtype for x in others]
-            others = [
-                without_derivative(x, numbers) if has_derivative else x
-                for x, has_derivative in zip(others, floats, strict=True)
-            ]
-            return code, beta, ndtr(-beta), *others
+            state = search_in_program(
+                evaluate, advance, _initial_state(own, start, within, points=points)
+            )
+            return _fields(state, own), state.found.by_distance()[0]
 
-        found = jax.vmap(search)(jnp.arange(1 if names is None else len(names)))
+        each = jnp.arange(1 if names is None else len(names))
+        fields, near = jax.vmap(search)(each)
+        betas = _with_own_derivatives(function, each, fields, near, numbers)
+        found = jax.vmap(functools.partial(_with_derivatives, numbers=numbers))(fields, betas)
         if names is None:
             found = jax.tree.map(lambda leaf: leaf[0], found)
         return FirstOrder(*found, limit_states=names, layout=quantities.layout)
@@ -194,24 +211,91 @@ def _make_traced_search(steps):
     return jax.jit(run)
 
 
+class _Fields(NamedTuple):
+    """The fields of `FirstOrder` that are arrays, in their order."""
+
+    status: Any
+    beta: Any
+    probability: Any
+    design_point: Any
+    u: Any
+    alpha: Any
+    importance: Any
+    iterations: Any
+    evaluations: Any
+    failures: Any
+    distance: Any
+    misalignment: Any
+    curvature: Any
+    points: Any
+    last_point: Any
+
+
+def _with_own_derivatives(function, each, fields, near, numbers):
+    """Return the indices of all design points of all limit states, [m, k], with derivatives."""
+    absent = jnp.isnan(fields.points.beta) & ~jnp.isnan(fields.beta[:, None])
+    # rows that repeat the first point: a NaN there would enter the derivatives of others
+    betas = jnp.where(absent, fields.beta[:, None], fields.points.beta)
+    m, k = betas.shape
+    flat = Point(*(array.reshape(m * k, *array.shape[2:]) for array in near))
+    attach = functools.partial(attach_derivative, function, numbers=numbers)
+    attached = jax.vmap(lambda *row: attach(*row))(jnp.repeat(each, k), betas.ravel(), flat)
+    return jnp.where(absent, jnp.nan, attached.reshape(m, k))
+
+
+def _with_derivatives(fields, betas, *, numbers):
+    """Return the fields with the derivatives that they have, by `betas`, and NaN for the others."""
+    several = jnp.sum(~rows_without_point(betas)) > 1
+    beta = betas[0]
+    alone = ndtr(-beta)
+    probability = alone + lax.stop_gradient(fields.probability - alone)
+    bare = fields._replace(status=None, iterations=None, evaluations=None, failures=None)
+    others = without_derivative(bare, numbers)
+    return others._replace(
+        beta=beta,
+        probability=without_derivative_where(several, probability, numbers),
+        points=copy_with(others.points, beta=betas),
+        **{name: getattr(fields, name) for name, value in bare._asdict().items() if value is None},
+    )
+
+
 @as_program
 def _fields(state, quantities):
     """Return the fields of `FirstOrder`, without derivatives, of a search that has ended."""
-    layout, point, factor = quantities.layout, state.point, quantities.factor()
+    layout, factor = quantities.layout, quantities.factor()
+    near, curvature, count = state.found.by_distance()
     good = state.code == status.OK
-    values = point.alpha(), point.alpha() @ point.u, point.u
-    alpha, beta, u = (jnp.where(good, value, jnp.nan) for value in values)
-    importance = alpha
+    found = good & (np.arange(len(curvature)) < count)
+    alphas = jax.vmap(Point.alpha)(near)
+    betas = jnp.where(found, jax.vmap(Point.beta)(near), jnp.nan)
+    u, alphas = (jnp.where(found[:, None], x, jnp.nan) for x in (near.u, alphas))
+    curvature = jnp.where(found, curvature, jnp.nan)
+    first = Point(near.u[0], near.value[0], near.gradient[0])
+    importance = alphas[0]
     if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
-        importance = unbatched.solve_triangular(factor, alpha, transposed=True)
+        importance = unbatched.solve_triangular(factor, importance, transposed=True)
         importance = importance / jnp.sqrt(jnp.sum(importance**2))
-    by_name = [split_by_name(layout, x) for x in (u, alpha, importance)]
-    counts = state.iterations, state.evaluations, state.failures
-    far = [jnp.where(good, x, jnp.nan) for x in (point.distance(), point.misalignment())]
-    last = quantities.values_at(point.u)
-    return (
-        *(state.code, beta, ndtr(-beta), quantities.values_at(u)),
-        *(*by_name, *counts, *far, last),
+    absent = rows_without_point(betas)
+    system = union_bounds(jnp.where(absent, NEVER, betas), jnp.where(absent[:, None], 0.0, alphas))
+    several = jnp.sum(~absent) > 1
+    far = [
+        jnp.where(good, x, jnp.nan)
+        for x in (first.distance(), estimated_error(first, curvature[0]))
+    ]
+    last = quantities.values_at(jnp.where(good, first.u, state.search.point.u))
+    every = DesignPoints(
+        betas,
+        curvature,
+        jax.vmap(quantities.values_at)(u),
+        *(split_by_name(layout, x) for x in (u, alphas)),
+    )
+    nearest = jax.tree.map(lambda leaf: leaf[0], every)
+    return _Fields(
+        *(state.code, nearest.beta, jnp.where(several, system.high, ndtr(-nearest.beta))),
+        *(nearest.design_point, nearest.u, nearest.alpha),
+        split_by_name(layout, importance),
+        *(state.iterations, state.evaluations, state.failures),
+        *(*far, nearest.curvature, every, last),
     )
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.types import Array, Float, Int, PyTree
+from ..common.types import Array, Bool, Float, Int, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
 from .search import Point
 
@@ -47,6 +47,15 @@ def attach_derivative(
 def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
     """Return a pytree of results of `numbers`, whose derivatives by them are NaN."""
     return jax.tree.map(lambda leaf: _with_tangent(leaf, jnp.nan, numbers), tree)
+
+
+def without_derivative_where(
+    condition: Bool[Array, ""], value: Float[Array, ""], numbers: list[Array]
+) -> Float[Array, ""]:
+    """Return a result of `numbers`, whose derivative becomes NaN if the condition holds."""
+    factor = jnp.where(condition, jnp.nan, 0.0)
+    bare = lax.stop_gradient(value)
+    return _with_tangent(bare, factor, numbers) + (value - bare)
 
 
 @jax.custom_jvp

@@ -86,10 +86,10 @@ def importance_sampling(
 ) -> Sampling:
     """Estimate the probability that any limit state is violated, by random samples.
 
-    With a `center` samples are normal around its design points (Melchers 1989): a mixture, if there
-    are several, with the weight of each by its probability, a tenth shared out evenly. Each sample
-    counts with its density over that of the mixture. Without a center it is the crude Monte Carlo
-    method. Called from Python only: neither it nor its result can be traced.
+    With a `center` samples are normal around all its design points (Melchers 1989): a mixture, if
+    there are several, with the weight of each by its probability, a tenth shared out evenly. Each
+    sample counts with its density over that of the mixture. Without a center it is the crude Monte
+    Carlo method. Called from Python only: neither it nor its result can be traced.
 
     Args:
         limit_state, quantities: as for `first_order`.
@@ -116,13 +116,11 @@ def importance_sampling(
 
         >>> normal = jc.reliability.Normal(np.zeros(2), 1.0)
         >>> margin = lambda x: 4.0 - jnp.abs(x["x"][0]) - 1e-3 * x["x"][1]
-        >>> found = [
-        ...     jc.reliability.first_order(margin, {"x": normal}, start={"x": [side, 0.0]})
-        ...     for side in (1.0, -1.0)
-        ... ]
+        >>> begin = {"x": [1.0, 0.0]}
+        >>> found = jc.reliability.first_order(margin, {"x": normal}, start=begin)
         >>> result = jc.reliability.importance_sampling(margin, {"x": normal}, found)
-        >>> print(found[0].status, f"{result.probability / found[0].probability:.1f}")
-        0 2.0
+        >>> print(found.points.beta, f"{result.probability / found.probability:.1f}")
+        [3.999998 3.999998] 1.0
     """
     require_limit_state(limit_state)
     quantities = as_quantities(quantities)

@@ -132,7 +132,7 @@ def advance_search(
     point = select_tree(accepted, trial, old)
     length = jnp.where(accepted, 1.0, 0.5 * state.length).astype(value.dtype)
     iterations = state.iterations + (accepted & ~first)
-    step, penalty = _next_step(point, tol)
+    step, penalty = _next_step(point)
     code = _decide(point, accepted, first, length, iterations >= steps, tol)
     return SearchState(
         point,
@@ -152,15 +152,13 @@ def _merit(point, penalty):
     return 0.5 * jnp.sum(point.u**2) + penalty * jnp.abs(point.value)
 
 
-def _next_step(point, tol):
+def _next_step(point):
     """Return the step to the nearest point of the linearized surface, and the penalty."""
     step = point.beta() * point.alpha() - point.u
-    size = jnp.sqrt(jnp.sum(point.u**2))
-    least = size / point.slope()
-    goal = 0.5 * jnp.sum((point.u + step) ** 2)
-    away = point.distance() > tol * jnp.maximum(size, 1.0)
-    by_goal = goal / jnp.where(away, jnp.abs(point.value), 1.0)
-    return step, _PENALTY * jnp.where(away, jnp.maximum(least, by_goal), least)
+    # of both ends: the origin needs one, and a larger one where the surface is met, as of the ratio
+    # of goal and limit state, would forbid to go along a curved surface
+    far = jnp.maximum(jnp.sum(point.u**2), jnp.sum((point.u + step) ** 2))
+    return step, _PENALTY * jnp.sqrt(far) / point.slope()
 
 
 def _decide(point, accepted, first, length, is_last, tol):

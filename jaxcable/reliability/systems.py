@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import ndtr
 
 from ..common import checks
 from ..common.tree import pytree
-from ..common.types import Array, Float
+from ..common.types import Array, Bool, Float
 from ..programs.program_calls import as_program
 from .first_order_result import FirstOrder
 from .quantities import join_by_name
 
 _NODES, _WEIGHTS = (np.asarray(a) for a in np.polynomial.legendre.leggauss(20))
+NEVER = 40.0  # index of a limit state that is never violated: a probability of zero
 _PIECES = 12  # of the integral for two limit states, shorter towards full correlation
 
 
@@ -29,7 +31,8 @@ class SeriesSystem:
             two limit states: the probability of the linearized ones is exact then.
         simple_low, simple_high: the largest probability of one of them, and the sum of all (at
             most 1): bounds that need no correlation (Cornell 1967).
-        correlation: correlation of the linearized limit states, ``alpha_j . alpha_k``, [m, m].
+        correlation: correlation of the linearized limit states, ``alpha_j . alpha_k``, [m, m], with
+            a row for each design point.
         pairs: probabilities that two of them are violated, [m, m]; on the diagonal those of one.
 
     Example:
@@ -55,8 +58,9 @@ class SeriesSystem:
 def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
     """Bound the probability that any of several limit states is violated, to first order.
 
-    Limit states are linearized at their design points: ``beta - alpha . u``. What their curvature
-    does, `importance_sampling` says.
+    Limit states are linearized at their design points: ``beta - alpha . u``, each at all that were
+    found: the rows of `correlation` and `pairs` are those of the limit states in turn. What their
+    curvature does, `importance_sampling` says.
 
     Args:
         results: `FirstOrder` of several limit states, or a list of results for the same quantities.
@@ -82,11 +86,11 @@ def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
         >>> print(found.status, *(f"{bound:.5f}" for bound in bounds))
         [0 0] 0.00256 0.00284 0.00313
     """
-    return _bounds(*stacked_results(results, "results"))
+    return union_bounds(*stacked_results(results, "results"))
 
 
 @as_program
-def _bounds(betas, alphas):
+def union_bounds(betas: Float[Array, " m"], alphas: Float[Array, "m n"]) -> SeriesSystem:
     """Return `SeriesSystem` of linear limit states ``beta - alpha . u``."""
     # rounding alone can leave this range: rows of `alphas` are unit vectors
     correlation = jnp.clip(alphas @ alphas.T, -1.0, 1.0)
@@ -110,7 +114,9 @@ def _bounds(betas, alphas):
 
 
 def stacked_results(results: Any, name: str) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """Return the indices and unit vectors of all limit states of one or several `FirstOrder`.
+    """Return the indices and unit vectors of all design points of one or several `FirstOrder`.
+
+    NaN for a limit state whose search has failed.
 
     Raises ValueError, which names the argument, for something else and for other quantities.
     """
@@ -127,10 +133,27 @@ def stacked_results(results: Any, name: str) -> tuple[Float[Array, " m"], Float[
             raise ValueError(f"{name}[{k}]: is for other quantities than {name}[0]")
         if one.beta.ndim > (one.limit_states is not None):
             raise ValueError(f"{name}[{k}]: is a batch of shape {one.beta.shape}; give one of it")
-        alpha = join_by_name(one.layout, one.alpha)
-        betas.append(jnp.atleast_1d(one.beta))
-        alphas.append(jnp.atleast_2d(alpha))
+        beta = jnp.atleast_2d(one.points.beta)  # [m, k]
+        alpha = join_by_name(one.layout, one.points.alpha).reshape(*beta.shape, -1)
+        absent = rows_without_point(beta)
+        beta = jnp.where(absent, NEVER, beta).ravel()
+        alpha = jnp.where(absent[..., None], 0.0, alpha).reshape(len(beta), -1)
+        if not isinstance(absent, jax.core.Tracer):
+            beta, alpha = (array[~np.asarray(absent).ravel()] for array in (beta, alpha))
+        betas.append(beta)
+        alphas.append(alpha)
     return jnp.concatenate(betas), jnp.concatenate(alphas)
+
+
+def rows_without_point(beta: Float[Array, "*m k"]) -> Bool[Array, "*m k"]:
+    """Return which further design points have no part in a series system.
+
+    They are those not found (NaN, while the first is a number), and all further ones where the
+    origin fails: what survives is the series system there, and that of the nearest is a bound.
+    """
+    first = beta[..., :1]
+    further = jnp.broadcast_to(np.arange(beta.shape[-1]) > 0, beta.shape)
+    return further & (jnp.isnan(first) | jnp.isnan(beta) | (first < 0))
 
 
 def _both_violated(first, second, correlation):

@@ -37,7 +37,7 @@ class Scene(NamedTuple):
 
     A scene from a file that states its units has them as `units`; its numbers are in SI all the
     same. Pass them on: ``jc.report(structure, solution, units=scene.units)``. A file may also have
-    actions to combine, which the scene has as `actions`.
+    actions to combine, which the scene has as `actions`, and names of its phases, `phase_names`.
     """
 
     structure: Structure
@@ -60,6 +60,18 @@ class Scene(NamedTuple):
         """The actions (`design.Action`) that the file of the scene has, to combine; a list."""
         return list(getattr(self, "_actions", ()))
 
+    @property
+    def phase_names(self) -> tuple[str, ...] | None:
+        """The names of the phases that the file of the scene has; None without names."""
+        return getattr(self, "_phase_names", None)
+
+    def with_phase_names(self, names: Sequence[str] | None) -> Scene:
+        """Return the same scene with other `phase_names`, as many as there are phases, or None."""
+        scene = _SceneOfFile(*self)
+        vars(scene).update(getattr(self, "__dict__", {}))
+        scene._phase_names = None if names is None else tuple(names)
+        return scene
+
     def with_actions(self, actions: Sequence[Any]) -> Scene:
         """Return the same scene with other `actions`, a list of `design.Action`."""
         scene = _SceneOfFile(*self)
@@ -69,10 +81,11 @@ class Scene(NamedTuple):
 
 
 class _SceneOfFile(Scene):
-    """A `Scene` that can have units and actions."""
+    """A `Scene` that can have units, actions and names of its phases."""
 
     _units: Units | None = None
     _actions: tuple[Any, ...] = ()
+    _phase_names: tuple[str, ...] | None = None
 
     def _replace(self, **changes):
         """Return the scene with other fields, in the same units and with the same actions."""

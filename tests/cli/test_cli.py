@@ -477,8 +477,8 @@ def test_convert_makes_a_scene_of_a_net(scene, capsys, refused):
         ("net.obj --anchors ends", "axial_stiffness: the file has none; give --axial"),
         (f"net.obj --anchors two {stiff}", "anchors: 'two' is no node number"),
         (f"net.json {stiff}", "net.json: is a scene of jaxcable already"),
-        (f"net.stl {stiff}", "net.stl: expected .obj, .dxf, .json, or two .csv"),
-        (f"n.csv {stiff}", "n.csv: expected .obj, .dxf, .json, or two .csv"),
+        (f"net.stl {stiff}", "net.stl: expected .obj, .dxf, .json, .fofin, or two .csv"),
+        (f"n.csv {stiff}", "n.csv: expected .obj, .dxf, .json, .fofin, or two .csv"),
         (f"n.csv l.csv net.obj {stiff}", "expected one file, or two CSV tables"),
         (f"net.py {stiff}", "net.py: scripts are not read, those of OpenSees neither: give"),
     ):

@@ -13,6 +13,7 @@ Action = jc.design.Action
 NODES = [[0.0, 0.0, 0.0], [3.0, 0.0, -0.3], [6.0, 0.0, 0.0]]
 CABLES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, weight=10.0, strength=4e4)
 STRUCTURE = jc.Structure(NODES, CABLES, supports=jc.pinned([0, 2]) + jc.restrained([1], "y"))
+LOAD = jc.NodalLoads([1], (0.0, 0.0, -50.0))
 PHASES = [jc.Phase(pretension=5e3, loads=jc.SelfWeight())]
 
 
@@ -64,6 +65,21 @@ def test_rules_are_chosen_by_name_and_from_a_file(folder, capsys):
     assert command(f"{words} --report") == 0
     told = capsys.readouterr().out
     assert "SLS frequent-1" in told and "ULS" not in told
+
+
+def test_several_reports_and_again_over_those_of_before(folder, capsys):
+    """Two files and the screen; the tables of combinations are known as those of this program."""
+    area = jc.AreaLoads([[0, 1, 2]], (0.0, 0.0, -100.0), "initial")
+    more = [*actions(), Action("roof", "snow", area), Action("impact", "accidental", LOAD)]
+    jc.save_scene("more.json", (STRUCTURE, PHASES), actions=more)
+    words = "solve more.json --combinations 'EN 1990' --which 'SLS quasi-permanent'"
+    for _ in range(2):
+        assert command(f"{words} --report r.csv --report r.txt --report") == 0
+        told = capsys.readouterr().out
+        assert "wrote r-displacements.csv" in told and "wrote r.txt" in told
+        assert "envelope over" in told and "AreaLoads on 1 faces: (0, 0, -100) N/m2" in told
+    assert (folder / "r.txt").read_text().count("envelope over") >= 1
+    assert command(f"{words} --report r.txt --report ./r.txt") == 2  # one file twice
 
 
 REFUSED = {

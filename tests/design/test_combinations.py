@@ -380,3 +380,77 @@ def test_a_post_without_two_of_its_guys_is_named():
     said = pytest.warns(jc.InputWarning, match="'weight' is a SelfWeight.*acts twice")
     with pytest.warns(jc.UnstableWarning), said:
         jc.design.solve_cases(structure, calm, twice)
+
+
+def test_chosen_rules_may_leave_out_an_accidental_action():
+    """It has the factor zero in them; a kind that no rule has is refused all the same."""
+    load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
+    actions = [Action("dead", "permanent", load), Action("impact", "accidental", load)]
+    found = jc.design.combinations(actions, which=["ULS 6.10"])
+    assert found.factors.tolist() == [[1.35, 0.0], [1.0, 0.0]]
+    assert found.cases.loads[0].forces.shape[0] == 2
+    with pytest.raises(ValueError, match="kind = 'impact': the rules do not have it"):
+        jc.design.combinations([*actions, Action("x", "impact", load)], which=["ULS 6.10"])
+
+
+def test_cases_that_add_nothing_to_the_phases_are_a_batch():
+    weight = jc.NodalLoads([1], (0.0, 0.0, -1.0))
+    actions = [Action("dead", "permanent", weight, in_phases=True)]
+    found = jc.design.combinations(actions, which=["SLS quasi-permanent"])
+    cables = jc.Cables([[0, 1], [1, 2]], 1e5)
+    structure = jc.Structure([[0, 0, 0], [1.0, 0, -0.1], [2, 0, 0]], cables, jc.pinned([0, 2]))
+    solutions = jc.design.solve_cases(structure, [jc.Phase(loads=weight)], found)
+    alone = jc.solve(structure, jc.Phase(loads=weight))
+    assert solutions.status.tolist() == [0] and alone.status == 0
+    np.testing.assert_allclose(solutions.tension[0], alone.tension, rtol=1e-9)  # tol of Newton
+
+
+def test_seismic_allowable_stress_and_lighter_live_loads():
+    """ASCE 7-16, 2.4.5 (8 to 10), and 2.3.1, exception 1, with 2.3.6: written out."""
+    kinds = "permanent", "live", "live up to 100 psf", "snow", "wind", "seismic"
+    found = combinations([action(kind, kind) for kind in kinds], "ASCE 7-16")
+    largest = {
+        "ASD 8": {(1, 0, 0, 0, 0, 0.7)},
+        "ASD 9": {(1, 0.75, 0.75, 0.75, 0, 0.525)},
+        "ASD 10": {(0.6, 0, 0, 0, 0, 0.7)},
+        "LRFD 2": {(1.2, 1.6, 1.6, 0.5, 0, 0)},
+        "LRFD 3": {(1.2, 1.0, 0.5, 1.6, 0, 0), (1.2, 0, 0, 1.6, 0.5, 0)},
+        "LRFD 4": {(1.2, 1.0, 0.5, 0.5, 1.0, 0)},
+        "LRFD 6": {(1.2, 1.0, 0.5, 0.2, 0, 1.0)},
+        "ASD 4": {(1, 0.75, 0.75, 0.75, 0, 0)},
+    }
+    for name, rows in largest.items():
+        every = factors(found, name)
+        assert rows <= every, name
+        most = np.array(sorted(rows))
+        assert all((np.array(row) <= most + 1e-12).all(axis=1).any() for row in every), name
+    states = dict(zip(found.rules, found.limit_states, strict=True))
+    assert states["ASD 9"] == "allowable stress" and states["LRFD 6"] == "seismic"
+
+
+def test_residual_capacity_has_roof_live_loads():
+    """ASCE 7-16, 2.5.2.2: (0.9 or 1.2) D + 0.5 L + 0.2 (Lr or S or R), and the loss."""
+    kinds = "permanent", "live", "roof live", "snow", "rain"
+    lost = Action("lost", "accidental", removes=np.array([True, False]))
+    found = combinations([*(action(kind, kind) for kind in kinds), lost], "ASCE 7-16")
+    rows = itertools.product((1.2, 0.9), (0, 0.5), range(4))
+    wanted = {(d, live, *np.eye(4, 3)[k] * 0.2, 1.0) for d, live, k in rows}
+    assert factors(found, "residual") == {tuple(np.round(row, 9)) for row in wanted}
+
+
+def test_parts_of_one_imposed_action_are_there_or_absent():
+    """Imposed loads on two spans, and wind: EN 1990 (6.10) with both parts leading together.
+
+    Steel Buildings in Europe and textbooks on continuous beams list 1.35 G + 1.5 (Q1 + Q2),
+    1.35 G + 1.5 Q1, 1.35 G + 1.5 Q2, each with 0.9 W, and 1.5 W with 1.05 Q.
+    """
+    spans = [action(name, "imposed B", source="floor") for name in ("Q1", "Q2")]
+    found = combinations([G, *spans, W], which=["ULS 6.10"])
+    loaded = list(itertools.product((0, 1), repeat=2))
+    wanted = {(g, 1.5 * a, 1.5 * b, w) for g in (1.35, 1) for a, b in loaded for w in (0, 0.9)}
+    wanted -= {(g, 0, 0, 0.9) for g in (1.35, 1)}  # wind alone leads
+    wanted |= {(g, 1.05 * a, 1.05 * b, 1.5) for g in (1.35, 1) for a, b in loaded}
+    assert factors(found, "ULS 6.10") == {tuple(np.round(row, 9)) for row in wanted}
+    apart = combinations([G, *(jc.replace(one, source=None) for one in spans)], which="ULS 6.10")
+    assert (1.35, 1.5, 1.05) in factors(apart, "ULS 6.10")  # two actions: one leads
+    assert (1.35, 1.5, 1.5) not in factors(apart, "ULS 6.10")

@@ -144,3 +144,17 @@ def test_the_worst_position_holds_for_the_analysis_and_its_gradient():
     assert abs(slope(lambda x: moment(jnp.asarray(x), beside)[0], p, gradient) - 2) < 0.1
     corrupted = 1.1 * np.asarray(gradient)
     assert slope(lambda x: moment(jnp.asarray(x), beside)[0], p, corrupted) < 1.5
+
+
+def test_line_at_one_distance():
+    """A scalar gives the shape of the result: the triangle of the moment in the middle of 8 m."""
+    triangle = np.array([[0.0, 2.0, 0, 0], [2.0, -2.0, 0, 0]])
+    line = jc.design.InfluenceLine(
+        np.array([0.0, 4.0, 8.0]), np.stack([triangle, 2 * triangle]), np.array([0.0, 0, -1]), None
+    )
+    found = line.at(3.0)
+    assert found.shape == (2,)
+    np.testing.assert_allclose(found, [1.5, 3.0], rtol=1e-14)
+    assert jc.design.InfluenceLine(line.stations, triangle, line.direction, None).at(7).shape == ()
+    with pytest.raises(ValueError, match=r"distances: expected a number or shape \[n\]"):
+        line.at(np.zeros((2, 2)))

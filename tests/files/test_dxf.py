@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import scenes
 from file_cases import outcome
+from scipy import constants
 
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.files import FileError, read_dxf, save_dxf
+from jaxcable.files.dxf import METRES_PER_UNIT
 
 
 def drawing(path, unit=6, change=None):
@@ -202,7 +204,9 @@ def test_drawings_in_other_units(tmp_path):
         places = np.asarray(structure.nodes)[links]
         np.testing.assert_allclose(ends, places, rtol=1e-15, atol=1e-15)
         assert len(read_dxf(path).links) == len(links)
-    with pytest.raises(ValueError, match=r"scale = 0.5: expected metres per drawing unit, one of"):
+    with pytest.raises(
+        ValueError, match=r"scale = 0.5: expected metres per drawing unit of DXF, such"
+    ):
         save_dxf(path, structure, scale=0.5)
 
 
@@ -364,3 +368,29 @@ def test_the_old_name_of_the_tolerance_is_taken(tmp_path):
         read_dxf(tmp_path / "net.dxf", tol=0.5)
     with pytest.raises(TypeError, match="tol"):
         read_dxf(tmp_path / "net.dxf", tol=0.5, tolerance=0.5)
+
+
+# $INSUNITS by the DXF reference, with the names of scipy.constants
+UNIT_CODES = {
+    **{1: "inch", 2: "foot", 3: "mile", 4: "milli", 5: "centi", 7: "kilo", 9: "mil", 10: "yard"},
+    **{11: "angstrom", 12: "nano", 13: "micro", 14: "deci", 15: "deka", 16: "hecto", 17: "giga"},
+    **{18: "au", 19: "light_year", 20: "parsec", 21: "survey_foot", 24: "survey_mile"},
+}
+
+
+def test_units_of_all_codes(tmp_path):
+    """Lengths by scipy.constants, and the multiples of inch, yard and foot that it lacks."""
+    exact = {code: getattr(constants, name) for code, name in UNIT_CODES.items()}
+    foot = constants.survey_foot
+    exact |= {6: 1.0, 8: 1e-6 * constants.inch, 22: foot / 12, 23: 3 * foot}
+    assert sorted(exact) == list(range(1, 25))
+    structure = jc.Structure([[0, 0, 0], [3.0, 0, 4.0]], jc.Cables([[0, 1]], 1e3), jc.pinned([0]))
+    for code, metres in exact.items():
+        assert METRES_PER_UNIT[code] == pytest.approx(metres, rel=1e-12)
+    for code in (3, 10, 21):  # and a drawing there and back
+        (path,) = save_dxf(tmp_path / f"{code}.dxf", structure, scale=METRES_PER_UNIT[code])
+        header = ezdxf.readfile(path).header
+        assert header["$INSUNITS"] == code and header["$MEASUREMENT"] == 0
+        net = read_dxf(path)
+        length = np.linalg.norm(net.nodes[net.links[0, 1]] - net.nodes[net.links[0, 0]])
+        assert length == pytest.approx(5.0, rel=1e-12)

@@ -307,3 +307,46 @@ def test_batches_other_suffixes_and_names_alike(solved, tmp_path):
     assert int(solution.status) == 0
     with pytest.raises(ValueError, match="two groups would have the same name"):
         jc.files.save_result(tmp_path / "r.npz", alike, solution)
+
+
+def test_what_is_written_can_be_read(tmp_path):
+    """Phases and actions that no analysis takes are refused when they are written, with the place.
+
+    Moments on a beam with a hinge about one axis only: a file with them could not be loaded.
+    """
+    section = jc.Section.linear(EA=1e9, EIy=1e6, EIz=1e6, GJ=1e6)
+    nodes, ends = [[0, 0, 0], [4.0, 0, 0]], jc.clamped([0, 1])
+    beams = jc.Beams([[0, 1]], section=section, hinges=[[False, True]], springs=1e6)
+    scene = jc.Structure(nodes, beams, ends), [jc.Phase()]
+    load = jc.PointLoads([0], 0.5, (0.0, 0, -1e3), (0.0, 1e3, 0))
+    path = tmp_path / "beam.json"
+    with pytest.raises(ValueError, match=r"phases\[0\].*moments"):
+        jc.save_scene(path, (scene[0], [jc.Phase(loads=load)]))
+    with pytest.raises(ValueError, match=r"actions\[0\].*moments"):
+        jc.save_scene(path, scene, actions=[jc.design.Action("a", "permanent", load)])
+    assert not path.exists()
+
+
+def test_names_of_phases_come_back(tmp_path):
+    """From a dict, in other units, in a changed scene; wrong ones are refused."""
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    path = tmp_path / "net.json"
+    named = dict(zip(("prestress", "=snow"), phases, strict=True))
+    for units in (None, "kN, m"):
+        jc.save_scene(path, (structure, named), units=units)
+        scene = jc.load_scene(path)
+        assert scene.phase_names == ("prestress", "=snow") and len(scene.phases) == 2
+        jc.save_scene(path, scene._replace(phases=scene.phases))
+        assert jc.load_scene(path).phase_names == ("prestress", "=snow")
+    assert scene.with_actions([]).with_units(None).phase_names == ("prestress", "=snow")
+    with pytest.raises(ValueError, match="phase_names: 1 names for 2 phases"):
+        jc.save_scene(path, scene.with_phase_names(["a"]))
+    text = path.read_text()
+    for wrong in ('"name": "prestress"', '"name": 3', '"name": ""'):
+        path.write_text(text.replace('"name": "=snow"', wrong))
+        with pytest.raises(ValueError, match=r"phases\[1\]: name = .*: expected a text"):
+            jc.load_scene(path)
+    path.write_text(text.replace('"name": "=snow",', ""))
+    assert jc.load_scene(path).phase_names == ("prestress", "phase 2")
+    jc.save_scene(path, (structure, phases))
+    assert jc.load_scene(path).phase_names is None and "name" not in path.read_text()

@@ -177,6 +177,20 @@ def test_a_network_cut_off(cut, tmp_path):
     assert net is None and "line 1, column" in told
 
 
+def test_sessions_of_compas_fofin_by_their_own_suffix(tmp_path, monkeypatch, capsys):
+    """That of today; and as its command FOFIN_save wrote: settings beside the data of a net."""
+    monkeypatch.chdir(tmp_path)
+    old = {"settings": {"file.name": "tent.fofin", "layer": "net"}, "cablenet": mesh()["data"]}
+    old["cablenet"]["vertex"]["0"]["is_anchor"] = True
+    for data in (session(cable_mesh()), old):
+        (tmp_path / "tent.fofin").write_text(json.dumps(data))
+        words = ["convert", "tent.fofin", "--axial-stiffness", "1e5", "--save", "tent.json"]
+        assert main(words) == 0, capsys.readouterr().err
+        structure = jc.load_scene("tent.json").structure
+        assert structure.n_node == 4
+        assert sum(len(group.links) for group in structure.groups) == 5
+
+
 @pytest.mark.slow
 def test_a_network_becomes_a_scene(tmp_path):
     """q1 (x - 0) + q2 (x - 2) = 0, (q1 + q2) z = -1."""

@@ -3,6 +3,8 @@
 What a reader leaves out it tells in one warning; a `FileError` is one line with the place.
 """
 
+import csv
+import io
 import itertools
 
 import numpy as np
@@ -11,7 +13,8 @@ from file_cases import outcome
 
 import jaxcable as jc
 from jaxcable.cli import main
-from jaxcable.files import Net, read_csv, read_obj
+from jaxcable.files import FileError, Net, read_csv, read_obj
+from jaxcable.files.results import format_csv
 
 # --- OBJ
 
@@ -297,3 +300,41 @@ def test_convert_names_columns_and_refuses_what_would_do_nothing(tmp_path, capsy
     assert "--weight: is for nets, not for scenes" in capsys.readouterr().err
     assert main(["convert", "net.json", "--save", "net.dxf"]) == 0
     assert "; a drawing has no stiffnesses, prestress or loads" in capsys.readouterr().out
+
+
+def test_decimal_marks_of_two_files_agree(tmp_path):
+    """1,200 beside 2.5: a decimal comma in one file would be a mark of thousands in the other."""
+    commas, points = "node;x;y;z\nA;0;0;0\nB;1,200;0;0\n", "first;last;rest_length\nA;B;2.5\n"
+    (tmp_path / "n.csv").write_text(commas)
+    (tmp_path / "l.csv").write_text(points)
+    with pytest.raises(FileError, match=r"n\.csv has decimal commas, and .*l\.csv decimal points"):
+        read_csv(tmp_path / "n.csv", tmp_path / "l.csv")
+    (tmp_path / "n.csv").write_text(commas.replace(",", "."))
+    (tmp_path / "l.csv").write_text(points.replace(".", ","))
+    with pytest.raises(FileError, match=r"l\.csv has decimal commas, and .*n\.csv decimal points"):
+        read_csv(tmp_path / "n.csv", tmp_path / "l.csv")
+    (tmp_path / "n.csv").write_text(commas)
+    net = read_csv(tmp_path / "n.csv", tmp_path / "l.csv")
+    assert net.nodes[1, 0] == 1.2 and net.values["rest_length"][0] == 2.5
+
+
+def test_texts_of_csv_files_are_no_formulas():
+    """Spreadsheets run a cell that begins with = + - @; numbers, also as texts, stay numbers."""
+    rows = [["=1+1", "+x", "-x", "@a", "\t=1"], [-1.5, "-1.5", "+2e3", "-", "a=b"]]
+    first, second = csv.reader(io.StringIO(format_csv(rows)))
+    assert first == ["'=1+1", "'+x", "'-x", "'@a", "'\t=1"]
+    assert second == ["-1.5", "-1.5", "+2e3", "-", "a=b"]
+
+
+def test_names_of_groups_are_texts_in_results_and_reports(tmp_path):
+    cables = {"=cmd": jc.Cables([[0, 1], [1, 2]], 1e5, strength=1e4)}
+    structure = jc.Structure([[0, 0, 0], [1.0, 0, 0], [2, 0, 0]], cables, jc.pinned([0, 2]))
+    solution = jc.solve(structure, jc.Phase(pretension=100.0))
+    written = jc.files.save_result(tmp_path / "r.csv", structure, solution)
+    written += jc.report(structure, solution).save(tmp_path / "t.csv")
+    named = [path for path in written if "=cmd" in path.read_text()]
+    assert len(named) >= 3
+    for path in named:
+        with path.open(newline="") as stream:
+            for row in csv.reader(stream):
+                assert not any(cell.startswith(("=", "@")) for cell in row)

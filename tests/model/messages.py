@@ -761,8 +761,8 @@ design.combinations([jc.replace(SNOW, needs="ice")])
     # actions[0]: needs = 'ice': is no other action; there are 'snow'
 design.combinations([jc.replace(SNOW, kind="sno")])
     # actions[0]: kind = 'sno': the rules do not have it; ...did you mean 'snow'
-design.combinations([jc.replace(SNOW, source="steel")])
-    # actions[0]: source: 'snow' is no permanent action
+design.combinations([jc.replace(SNOW, kind="accidental", source="steel")])
+    # actions[0]: source: 'snow' is neither a permanent nor a variable action
 design.combinations([DEAD, jc.replace(SNOW, kind="prestress", exclusive="a")])
     # actions[1]: exclusive: 'snow' is no variable action
 design.combinations([SNOW], which=["ULS"])  # which: 'ULS': no such rule; there are
@@ -825,6 +825,7 @@ reliability.first_order(lambda x: {"a": jnp.ones(2)}, {"a": STANDARD})
     # limit_state: expected a scalar float...got float64[2]
 reliability.first_order(lambda x: {}, {"a": STANDARD})  # limit_state: ...got an empty one
 reliability.first_order(lambda x: x["a"], {"a": STANDARD}, steps=0)  # steps = 0
+reliability.first_order(lambda x: x["a"], {"a": STANDARD}, points=0)  # points = 0
 reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, 3.0)
     # center: expected the result of first_order, or a list, got float
 reliability.importance_sampling(lambda x: x["a"], {"a": STANDARD}, samples=1)  # samples = 1

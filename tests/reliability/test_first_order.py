@@ -54,7 +54,7 @@ def test_two_design_points_of_a_parabola():
     squared = np.polynomial.Polynomial([0.0, 0.0, 1.0]) + (5.0 - 0.5 * shifted**2) ** 2
     roots = sorted(root.real for root in squared.deriv().roots() if abs(root.imag) < 1e-12)
     for start, root in ((-2.0, roots[0]), (2.0, roots[-1])):
-        found = first_order(parabola, STANDARD, start={"p": start})
+        found = first_order(parabola, STANDARD, start={"p": start}, points=1)
         assert found.status == status.OK
         assert found.beta == pytest.approx(np.sqrt(squared(root)), rel=1e-11)
         assert found.design_point["p"] == pytest.approx(root, abs=1e-5)  # tol 1e-6 of the search
@@ -206,7 +206,7 @@ def failing_index(mean, limit_state, options):
 def test_failed_searches_say_so_and_give_nothing():
     cases = {
         status.OUT_OF_STEPS: (parabola, {"steps": 1, "start": {"p": 2.0}}),
-        status.STATIONARY: (lambda x: 9.0 - x["p"] ** 2 - x["q"] ** 2, {}),
+        status.STATIONARY: (lambda x: 9.0 + 0.0 * x["p"], {}),
         status.BAD_START: (lambda x: jnp.sqrt(x["p"] - 1.0) - x["q"], {}),
         # the surface is beyond where the analysis fails
         status.STALLED: (lambda x: jnp.where(x["p"] < 2.0, 3.0 - x["p"], jnp.nan), {}),
