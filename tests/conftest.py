@@ -3,9 +3,14 @@
 import gc
 import os
 import pathlib
+import signal
 import zlib
 
 import jaxlib.version
+
+# A shell has its background jobs ignore interrupts; tests send some, to themselves and to others.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The programs of beams compile a quarter faster without fusion emitters. An unknown flag ends the
 # process, hence only where it is known to exist.

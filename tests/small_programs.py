@@ -27,8 +27,8 @@ except (ImportError, AttributeError):
     pjit = COMPILE = None
 
 MOST_EQUATIONS = 40  # of a small program
-MOST_CALLS = 200
-"""Calls of a program by NumPy, each of which takes 0.2 ms; XLA compiles it then."""
+MOST_CALLS = 500
+"""Calls of a program by NumPy, each of which takes 0.1 ms; XLA compiles it then."""
 LOOPS = {"while", "scan"}
 
 

@@ -24,15 +24,9 @@ LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name i
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-@functools.cache
-def trees():
-    """Syntax trees of the modules of the package, by path."""
-    return {path: ast.parse(text) for path, text in TEXTS.items()}
-
-
 def nodes(kind):
     """Pairs (path, node) of all nodes of a kind in the modules of the package."""
-    for path, tree in trees().items():
+    for path, tree in rooms.trees().items():
         yield from ((path, node) for node in ast.walk(tree) if isinstance(node, kind))
 
 
@@ -74,7 +68,7 @@ KNOWN = {dotted(path) for path in TEXTS}
 @functools.cache
 def graph():
     """What each file imports of other modules, by path."""
-    return {path: set(imported(path, tree)) - {dotted(path)} for path, tree in trees().items()}
+    return {path: set(imported(path, tree)) - {dotted(path)} for path, tree in rooms.trees().items()}
 
 
 def test_imports_go_downward():
@@ -117,7 +111,7 @@ def test_modules_and_functions_are_short_and_documented():
         told = node.body[0].end_lineno if ast.get_docstring(node) else node.body[0].lineno - 1
         if node.end_lineno - told >= 80:
             wrong.append(f"{path}: {node.name} is long")
-    for path, tree in trees().items():
+    for path, tree in rooms.trees().items():
         defined = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef)]
         public = [node for node in defined if not node.name.startswith("_")]
         wrong += [f"{path}: docstring" for node in (tree, *public) if not ast.get_docstring(node)]
@@ -128,7 +122,7 @@ def test_modules_and_functions_are_short_and_documented():
 def test_what_a_room_shows_is_in_its_list(name):
     """`__all__` has all that a room's `__init__` defines or, if it defines nothing, imports."""
     (tree,) = (
-        t for path, t in trees().items() if path.name == "__init__.py" and path.parent.name == name
+        t for path, t in rooms.trees().items() if path.name == "__init__.py" and path.parent.name == name
     )
     shown = [
         alias.asname or alias.name
