@@ -6,8 +6,8 @@ one share for each that it has, the smaller the more files have it. Run are
 - test files that have changed, and those that import a bank, an oracle or an extension that has;
 - for each module the files with the largest shares, of its own room first, up to `FILES`;
 - the rules of the house, and tests that have the name of a page that has changed.
-It is no substitute for `make test`: `tests/mutants.py --check` says how many of its faults the files
-of a module notice.
+It is no substitute for `make test`: `tests/mutants.py --check` says how many of its faults the
+files of a module notice.
 
 Usage: python tests/affected.py [SINCE] [options of pytest]; SINCE is a commit, default HEAD.
 """
@@ -90,8 +90,8 @@ def changes(since):
     )
     found = []
     for command in commands:
-        run = subprocess.run(["git", *command], cwd=ROOT, capture_output=True, text=True, check=True)
-        found += [ROOT / line for line in run.stdout.splitlines()]
+        told = subprocess.check_output(["git", *command], cwd=ROOT, text=True)
+        found += [ROOT / line for line in told.splitlines()]
     return found
 
 

@@ -295,6 +295,7 @@ def test_derivatives_through_steps():
     p = np.array([1.0, *VELOCITY])
     (_, codes), gradient = traced(jax.value_and_grad(end, has_aux=True))(p)
     assert not np.any(codes)
+
     # steps so small that no cable goes slack in another time step
     def value(p):
         return end(p)[0]

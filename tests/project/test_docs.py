@@ -93,7 +93,11 @@ def examples(name):
     return [test for test in found if test.examples]
 
 
-ANALYSES = re.compile(r"^ *(>>>|\.\.\.) .*\b(solve|trace_path|minimize|find_form|fit|tune)\w*\(", re.M)
+ANALYSES = re.compile(
+    r"^ *(>>>|\.\.\.) .*\b(solve|trace_path|minimize|find_form|fit|tune|influence|moving_load"
+    r"|study|first_order)\w*\(",
+    re.M,
+)
 """Calls that make an example slow; tests of the rooms call them as well."""
 
 

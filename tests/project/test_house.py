@@ -68,7 +68,8 @@ KNOWN = {dotted(path) for path in TEXTS}
 @functools.cache
 def graph():
     """What each file imports of other modules, by path."""
-    return {path: set(imported(path, tree)) - {dotted(path)} for path, tree in rooms.trees().items()}
+    trees = rooms.trees()
+    return {path: set(imported(path, tree)) - {dotted(path)} for path, tree in trees.items()}
 
 
 def test_imports_go_downward():
@@ -122,7 +123,9 @@ def test_modules_and_functions_are_short_and_documented():
 def test_what_a_room_shows_is_in_its_list(name):
     """`__all__` has all that a room's `__init__` defines or, if it defines nothing, imports."""
     (tree,) = (
-        t for path, t in rooms.trees().items() if path.name == "__init__.py" and path.parent.name == name
+        tree
+        for path, tree in rooms.trees().items()
+        if path.name == "__init__.py" and path.parent.name == name
     )
     shown = [
         alias.asname or alias.name
