@@ -4,7 +4,8 @@ Every test imports the whole package, so that imports do not say which tests a m
 Words do: of the names that a changed module defines, or that its texts have, each test file gets
 one share for each that it has, the smaller the more files have it. Run are
 - test files that have changed, and those that import a bank, an oracle or an extension that has;
-- for each module the files with the largest shares, of its own room first, up to `FILES`;
+- for each module the files with the largest shares, of its own room first, up to `FILES`, and
+  the messages of all rooms;
 - the rules of the house, and tests that have the name of a page that has changed.
 It is no substitute for `make test`: `tests/mutants.py --check` says how many of its faults the
 files of a module notice.
@@ -24,6 +25,7 @@ ROOT = Path(__file__).parent.parent
 TESTS = ROOT / "tests"
 FILES = 4  # for a module: as many take less than a minute
 HOUSE = TESTS / "project" / "test_house.py"
+MESSAGES = TESTS / "model" / "test_messages.py"
 
 
 @functools.cache
@@ -75,6 +77,7 @@ def affected(changed):
             found.add(path)
         elif path.suffix == ".py" and inside[0] == "jaxcable":
             found.update(files_for(path) if path.exists() else [])
+            found.add(MESSAGES)
         elif inside[0] == "tests" and path.suffix == ".py":  # banks, oracles, extensions
             found |= {own for own, known in words().items() if path.stem in known}
         else:

@@ -193,8 +193,8 @@ def chosen(fault, tests, among):
 def calls(fault, tests, among, check=False):
     """Lists of arguments of pytest for a fault, one a call, and what they are, in words."""
     if check:
-        files = affected.files_for(ROOT / "jaxcable" / fault.file)
-        return [[str(path.relative_to(ROOT)) for path in files]], "test files of its module"
+        files = affected.affected([ROOT / "jaxcable" / fault.file])
+        return [[str(path.relative_to(ROOT)) for path in files]], "files of `make check`"
     if tests is None:
         return [[]], "all tests"
     found, told = chosen(fault, tests, among)

@@ -249,14 +249,21 @@ def _named_values(names, space, seen):
 
 
 def _is_of_library(module):
-    """Tell whether a module is Python's, of this package, or of an installed library."""
+    """Tell whether a module is Python's, of this package, or of an installed library.
+
+    Libraries may be installed in several places: by Debian, or on a cluster by `PYTHONPATH`.
+    """
     package = (module or "builtins").partition(".")[0]
     if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
         return True
     file = getattr(sys.modules.get(package), "__file__", None)
+    if file is None:
+        return False
+    file = os.path.realpath(file)
     folders = (sysconfig.get_path(name) for name in ("purelib", "platlib"))
     below = tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
-    return file is not None and os.path.realpath(file).startswith(below)
+    installed = {"site-packages", "dist-packages"} & set(file.split(os.sep))
+    return bool(installed) or file.startswith(below)
 
 
 def _digest_of_array(value):
