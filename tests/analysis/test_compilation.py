@@ -137,7 +137,7 @@ def line_counts(name):
     return json.loads(done.stdout)[name]
 
 
-@pytest.mark.slow_cases("flat_net", "geiger_dome", "isolated_cable", "suspended_cable")
+@pytest.mark.slow_cases("flat_net", "isolated_cable", "strung_arch", "suspended_cable")
 @pytest.mark.parametrize("name", LINES)
 def test_programs_have_not_grown(name):
     for count, most in zip(line_counts(name), LINES[name], strict=True):

@@ -17,7 +17,7 @@ import jaxcable as jc
 LAW = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.1, LAW)
 OFF = BOX.shifted(0.02, -0.03)  # bending and stretching are coupled
-GJ = float(BOX.torsional_stiffness())
+GJ, STIFFNESS = float(BOX.torsional_stiffness()), np.asarray(OFF.stiffness())
 LENGTH, AXIS = 6.0, np.array([1.0, 0.0, 0.0])
 PLACES = np.array([[0.3, 0.8], [0.5, 0.5], [0.0, 1.0], [0.15, 0.6]])
 SIDES = np.array([0.0, 0.1, 0.3 - 1e-9, 0.3 + 1e-9, 0.5 + 1e-9, 0.9, 1.0])
@@ -60,7 +60,7 @@ def linear_frame():
                     oracle.Member(
                         base + k,
                         base + k + 1,
-                        D=np.asarray(OFF.stiffness()),
+                        D=STIFFNESS,
                         GJ=GJ,
                         up=(0.0, 0.3, 1.0),
                         joints=joints,

@@ -115,7 +115,7 @@ def test_counts_programs():
         jnp.arange(3.0) + 1.0
     assert names
     with jc.evaluation("xla"), compiled_programs() as names:
-        jc.solve(cross(), PRESTRESS)
+        jc.force_density(cross(), 10.0, loads=LOAD)
     assert names
 
 

@@ -102,7 +102,7 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.slow_cases(
     *("value-frame", "grad-frame", "vmap-frame", "value-hanging", "grad-hanging", "vmap-hanging"),
-    *("grad-slack", "vmap-slack"),
+    *("grad-slack", "vmap-slack", "vmap-net"),
 )
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(
