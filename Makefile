@@ -8,11 +8,16 @@ NIGHTLY := https://us-python.pkg.dev/ml-oss-artifacts-published/jax/simple/
 # scripts in experiments/ that `make studies` runs, two at a time, and then the one that takes times
 STUDIES := accession_curves bar_bank unsymmetric_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 
-.PHONY: demo test test-all test-more test-lowest test-nightly lint studies site site-test \
+.PHONY: demo check test test-all test-more test-lowest test-nightly lint studies site site-test \
 	notebooks notebooks-test dist test-dist check-tag clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m jaxcable demo
+
+# tests that changes since a commit are likely to affect: make check [SINCE=main]
+SINCE ?= HEAD
+check: $(VENV)/installed-test
+	$(BIN)/python tests/affected.py $(SINCE)
 
 # what one runs before a commit; `test-all` is everything
 test: $(VENV)/installed-test

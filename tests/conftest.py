@@ -3,9 +3,14 @@
 import gc
 import os
 import pathlib
+import signal
 import zlib
 
 import jaxlib.version
+
+# A shell has its background jobs ignore interrupts; tests send some, to themselves and to others.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The programs of beams compile a quarter faster without fusion emitters. An unknown flag ends the
 # process, hence only where it is known to exist.
@@ -32,6 +37,7 @@ FUSED_PARTS = 8
 import budget
 import jax
 import pytest
+import small_programs
 
 import jaxcable
 
@@ -53,6 +59,18 @@ def pytest_configure(config):
     if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
     config.pluginmanager.register(budget.Budget(budget.budget_of(config)))
+    small_programs.by_numpy(BY_NUMPY)
+
+
+BY_NUMPY = small_programs.is_possible()
+COMPILED = pathlib.Path(__file__).parent / "programs"
+
+
+@pytest.hookimpl(tryfirst=True)  # before fixtures of modules
+def pytest_runtest_setup(item):
+    """Operations on known arrays compile nothing, except in tests of programs."""
+    own = COMPILED in item.path.parents or item.get_closest_marker("compiled")
+    small_programs.by_numpy(BY_NUMPY and not own)
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks are selected

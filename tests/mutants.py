@@ -13,8 +13,9 @@ Reading    caught: the first test that fails, and the seconds until then. SURVIV
            survivor again with --only and without --lines. For lines that only importing runs (a
            table, a default) those of their function stand, then the module, with at most 150
            tests.
-Command    python tests/mutants.py [--lines FILE ...] [--only N ...] [--marks EXPRESSION]
-           [--limit SECONDS] [--save]
+           With --check it meets the test files that `make check` runs for its module.
+Command    python tests/mutants.py [--lines FILE ... | --check] [--only N ...]
+           [--marks EXPRESSION] [--limit SECONDS] [--save]
            --marks "not slow" is the default; "" runs the slow tests, too, where no other one fails.
            --save writes experiments/results/mutants.txt, if all faults are run. Compiled programs
            are kept between faults where JAX_COMPILATION_CACHE_DIR names a folder.
@@ -33,6 +34,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+import affected
 from lines_of_tests import ROOT, collected, executable, records
 from mutants_table import FAULTS
 
@@ -188,8 +190,11 @@ def chosen(fault, tests, among):
     return [], kinds[0][2]
 
 
-def calls(fault, tests, among):
+def calls(fault, tests, among, check=False):
     """Lists of arguments of pytest for a fault, one a call, and what they are, in words."""
+    if check:
+        files = affected.affected([ROOT / "jaxcable" / fault.file])
+        return [[str(path.relative_to(ROOT)) for path in files]], "files of `make check`"
     if tests is None:
         return [[]], "all tests"
     found, told = chosen(fault, tests, among)
@@ -242,7 +247,7 @@ def main(options):
         unchanged = Unchanged(Path(scratch), options.limit)
         for number in numbers:
             fault, start = FAULTS[number - 1], time.perf_counter()
-            stages = [(own, *calls(fault, tests, among[own])) for own in marks]
+            stages = [(own, *calls(fault, tests, among[own], options.check)) for own in marks]
             with tempfile.TemporaryDirectory(dir=scratch) as own:
                 folder = Path(own) / "copy"
                 copied(folder)
@@ -271,6 +276,7 @@ def arguments():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--lines", nargs="+", metavar="FILE")
+    parser.add_argument("--check", action="store_true")
     parser.add_argument("--only", nargs="+", type=int, metavar="N", help="numbers from 1")
     parser.add_argument("--marks", default="not slow", metavar="EXPRESSION")
     parser.add_argument("--limit", type=float, default=1800.0, metavar="SECONDS", help="of a fault")

@@ -5,12 +5,19 @@ it imports the map names those that it does not also get by way of others.
 """
 
 import ast
+import functools
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "jaxcable"
 BEGIN, END = "<!-- rooms: python tests/rooms.py -->\n", "<!-- end of rooms -->\n"
+
+
+@functools.cache
+def trees():
+    """Syntax trees of the modules of the package, by path."""
+    return {path: ast.parse(path.read_text()) for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def rooms():
@@ -21,8 +28,8 @@ def rooms():
 def uses(room):
     """Rooms that the modules of a room import."""
     found = set()
-    for path in (PACKAGE / room).glob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+    for tree in (tree for path, tree in trees().items() if path.parent.name == room):
+        for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.level == 2:
                 names = [alias.name for alias in node.names]
                 found |= {node.module.split(".")[0]} if node.module else set(names)
@@ -55,8 +62,7 @@ def drawn():
     """The table, as it stands in CONTRIBUTING.md."""
     lines = ["| room | what is in it | modules | stands on |", "|---|---|---|---|"]
     for room, below in ordered():
-        tree = ast.parse((PACKAGE / room / "__init__.py").read_text())
-        what = ast.get_docstring(tree).split("\n")[0].rstrip(".")
+        what = ast.get_docstring(trees()[PACKAGE / room / "__init__.py"]).split("\n")[0].rstrip(".")
         modules = [path.stem for path in sorted((PACKAGE / room).glob("*.py"))]
         modules = ", ".join(f"`{name}`" for name in modules if name != "__init__")
         lines.append(f"| `{room}` | {what} | {modules} | {', '.join(below)} |")

@@ -272,12 +272,19 @@ def _named_values(names, space, seen):
 
 
 def is_of_library(module: str | None) -> bool:
-    """Tell whether a module is Python's, of this package, or of an installed library."""
+    """Tell whether a module is Python's, of this package, or of an installed library.
+
+    Libraries may be installed in several places: by Debian, or on a cluster by `PYTHONPATH`.
+    """
     package = (module or "builtins").partition(".")[0]
     if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
         return True
     file = getattr(sys.modules.get(package), "__file__", None)
-    return file is not None and os.path.realpath(file).startswith(_library_folders())
+    if file is None:
+        return False
+    file = os.path.realpath(file)
+    installed = {"site-packages", "dist-packages"} & set(file.split(os.sep))
+    return bool(installed) or file.startswith(_library_folders())
 
 
 @functools.cache

@@ -196,7 +196,9 @@ def function_of_jaxpr(program: Any) -> Callable[..., Any]:
 
 
 def is_jaxpr(value: Any) -> bool:
-    """Tell whether a value is a jaxpr, with its constants or without."""
+    """Tell whether a value is a jaxpr, with its constants or without; its class is none."""
+    if isinstance(value, type):
+        return False
     return hasattr(value, "eqns") and (hasattr(value, "consts") or hasattr(value, "constvars"))
 
 

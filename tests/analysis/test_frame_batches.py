@@ -44,6 +44,7 @@ def mixed_cases():
     return jnp.asarray(force), jnp.asarray(moment)
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("nested", [False, True])
 def test_a_frame_ends_in_a_batch_as_alone(nested):
     force, moment = mixed_cases()

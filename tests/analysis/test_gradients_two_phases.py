@@ -220,7 +220,10 @@ def assert_taylor(kind, name):
     assert wrong < 1.5
 
 
-@pytest.mark.slow_cases("area", "axial_stiffness", "nodes")
+@pytest.mark.slow_cases(  # loads have tests of their own in `tests/loads`
+    *("area", "axial_stiffness", "nodes", "weight", "nodal loads", "line load"),
+    *("direction of weight", "support movement", "temperature", "rest_length"),
+)
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_taylor_of_a_net(name):
     assert_taylor("net", name)

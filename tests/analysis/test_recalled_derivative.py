@@ -223,6 +223,7 @@ def test_the_last_state_has_derivatives_where_a_later_phase_fails_at_once(inside
     np.testing.assert_allclose(slope(2, lambda s: s.phases[0])[1], expected, rtol=1e-10)
 
 
+@pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("inside", [False, True])
 def test_the_last_state_has_no_derivative_where_nothing_has_converged(inside):
     law = jc.Polygonal([0.0, 0.01, 0.02], [0.0, 200e6, 300e6])

@@ -3,6 +3,7 @@ that decides what they return. That processes agree on them is in `test_keeping`
 
 import dataclasses
 import functools
+import importlib
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.extend.core import ClosedJaxpr
 
 import jaxcable as jc
 from jaxcable.common import digest
@@ -290,6 +292,29 @@ def test_objects_without_an_end_are_named():
     ring = []
     ring.append(ring)
     assert digest.of_host_function(lambda numbers: ring)
+
+
+def test_libraries_are_known_wherever_they_are_installed(tmp_path, monkeypatch):
+    """On a cluster PYTHONPATH names their folder: they count by name and version."""
+    folder = tmp_path / "site-packages"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # of the first one
+    found = []
+    for factor in (2.0, 3.0):
+        (folder / "library_of_others.py").write_text(f"def scaled(x):\n    return {factor} * x\n")
+        monkeypatch.delitem(sys.modules, "library_of_others", raising=False)
+        scaled = importlib.import_module("library_of_others").scaled
+        assert scaled(1.0) == factor
+        found.append(digest.of_host_function(lambda x, scaled=scaled: scaled(x)))
+    assert found[0] == found[1]
+
+
+def test_a_function_may_use_the_class_of_jaxprs():
+    def kind(x):
+        return isinstance(x, ClosedJaxpr)
+
+    assert digest.of_host_function(kind)
 
 
 # --- no stale answer

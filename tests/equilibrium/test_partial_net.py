@@ -89,12 +89,11 @@ def test_struts_beside_slack_cables():
     assert total[0] < 0.8 * total[1]
 
 
-@pytest.mark.slow_cases("1.0")
-@pytest.mark.parametrize("wrong", [1.0, 1.01])
-def test_gradients(wrong):
+def test_gradients():
     structure, phase = beside_beams("half", 14, 1e3)
     cables, forces = structure.elements["cables"], np.asarray(phase.loads.forces)
 
+    @traced
     def lowest(scale):
         loads = dataclasses.replace(phase.loads, forces=scale[0] * forces)
         group = jc.replace(cables, axial_stiffness=scale[1] * cables.axial_stiffness)
@@ -105,8 +104,9 @@ def test_gradients(wrong):
         return jnp.sum(solution.tension["cables"] ** 2)
 
     at = np.array([1.0, 1.0])
-    slope = taylor.slope(traced(lowest), at, wrong * jax.grad(lowest)(at))
-    assert slope == pytest.approx(2.0 if wrong == 1 else 1.0, abs=0.1)
+    gradient = jax.grad(lowest)(at)
+    assert taylor.slope(lowest, at, gradient) == pytest.approx(2.0, abs=0.1)
+    assert taylor.slope(lowest, at, 1.01 * gradient) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("kinds", [[jc.Cables], [jc.Bars], [jc.Cables, jc.SlidingCables]])

@@ -18,6 +18,7 @@ from jaxcable.equilibrium.newton import equilibrate
 from jaxcable.mechanics.assembly import System
 from jaxcable.mechanics.restart_state import make_system
 from jaxcable.numerics import implicit
+from jaxcable.programs.program_calls import as_program
 from jaxcable.stiffness import tangent
 
 GRAVITY = 9.80665
@@ -149,13 +150,15 @@ def at_rest(structure, solution):
 def let_go(system, x, velocity, damping=0.0, distribution=None):
     """`InMotion` at a motion `x` with a velocity [n_row, n_freedom]; masses of the elements."""
     mass = system.mass_matrix(x, GRAVITY, distribution)
-    pulled = jnp.linalg.lstsq(mass, -system.residual(x))[0]  # a spin may have no mass
+    size, axes = jnp.linalg.eigh(mass)
+    inverse = jnp.where(size > 1e-12 * size.max(), 1 / size, 0.0)  # a spin may have no mass
+    pulled = axes @ (inverse * (axes.T @ -system.residual(x)))
     acceleration = system.space.prolong(x, pulled) - damping * velocity
     begun = InMotion(x, velocity, acceleration, system.unbalanced(x))
     return begun, system.mass_matrices(x, GRAVITY, distribution)
 
 
-@partial(jax.jit, static_argnames=("rho",))
+@partial(as_program, static=("rho",))
 def _program(without_indices, arrays, states, *numbers, rho):
     system = copy_with(merge_indices(without_indices, arrays), states=states)
     system, ended, code = step_in_time(system, *numbers, rho)

@@ -16,6 +16,7 @@ from extensions.own_motion import GRAVITY, at_rest, history, let_go, moving, ste
 from jax import lax
 from numpy.testing import assert_allclose
 from oracles import taylor
+from oracles.convergence import converged
 from oracles.traced import traced
 from scenes.frames import in_plane, solid
 from scipy.integrate import solve_ivp
@@ -70,8 +71,7 @@ def string():
     cables = jc.Cables(chain(N_STRING), axial_stiffness=EA, weight=WEIGHT)
     supports = jc.pinned([0, N_STRING])
     structure = jc.Structure(along_x(LENGTH, N_STRING), cables, supports)
-    solution = jc.solve(structure, jc.Phase(pretension=PULL))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(pretension=PULL)))
     system, x = at_rest(structure, solution)
     assert system.is_net
     return structure, system, x.at[:, 2].add(1e-5 * np.sin(np.pi * structure.nodes[:, 0] / LENGTH))
@@ -133,8 +133,7 @@ def hung(law):
     """A mass between two feet, on cables longer than their distance: its system."""
     cables = jc.Cables([[0, 2], [1, 2]], weight=10.0, rest_length=[REST, REST], **LAWS[law][0])
     structure = jc.Structure([*FEET, [0.0, 0.0, 0.0]], cables, jc.pinned([0, 1]))
-    solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight())))
     system, _ = at_rest(structure, solution)
     assert system.is_net
     return system
@@ -219,8 +218,7 @@ def test_a_pendulum_of_one_cable():
     length, weight, stiffness = 2.0, 20.0, 8000.0
     cable = jc.Cables([[0, 1]], axial_stiffness=stiffness, weight=weight)
     structure = jc.Structure(along_x(length, 1), cable, jc.pinned([0]))
-    solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight())))
     system, _ = at_rest(structure, solution)
     mass = 0.5 * weight * length / GRAVITY
 
@@ -254,8 +252,7 @@ def test_a_stiff_rope_whips():
     rest = 1.05 * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     cables = jc.Cables(chain(n), axial_stiffness=stiffness, weight=weight, rest_length=rest)
     structure = jc.Structure(nodes, cables, jc.pinned([0]))
-    solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight())))
     system, _ = at_rest(structure, solution)
     still = jnp.zeros((n + 1, 3))
     begun = let_go(system, still, still, distribution="lumped")
@@ -277,7 +274,7 @@ def test_a_stiff_rope_whips():
 
 def test_derivatives_through_steps():
     """By gravity and the velocity at the start, through cables that are slack at first."""
-    system, count = hung("straight"), 40
+    system, count = hung("straight"), 20
 
     @traced
     def end(p):
@@ -285,7 +282,7 @@ def test_derivatives_through_steps():
         begun, masses = thrown(system, p[1:])
 
         def step(begun, _):
-            given = pulled, begun, masses, 0.02
+            given = pulled, begun, masses, 0.04
             _, ended, code = step_in_time(*given, method=taylor.TIGHT)
             return ended, code
 
@@ -295,8 +292,12 @@ def test_derivatives_through_steps():
     p = np.array([1.0, *VELOCITY])
     (_, codes), gradient = traced(jax.value_and_grad(end, has_aux=True))(p)
     assert not np.any(codes)
+
     # steps so small that no cable goes slack in another time step
-    found = [taylor.slope(lambda p: end(p)[0], p, g, 0.05) for g in (gradient, 1.01 * gradient)]
+    def value(p):
+        return end(p)[0]
+
+    found = [taylor.slope(value, p, g, 0.05) for g in (gradient, 1.01 * gradient)]
     assert found[0] > 1.9 and found[1] < 1.1
 
 
@@ -312,8 +313,7 @@ def test_a_linear_chain(rho, damping):
     supports = jc.pinned([0]) + jc.restrained(range(1, n + 1), "yz")
     structure = jc.Structure(along_x(float(n), n), bars, supports)
     load = np.array([0.0, 0.0, 30.0])
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (30.0, 0.0, 0.0))))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (30.0, 0.0, 0.0)))))
     system, x = at_rest(structure, solution)
     system = copy_with(system, load=0.0 * system.load)  # let go
 
@@ -353,8 +353,7 @@ def yielding():
     elements = {"bar": bar, "damper": Dampers([[0, 1]], 2e4)}
     supports = jc.pinned([0]) + jc.restrained([1], "yz")
     structure = jc.Structure(along_x(1.0, 1), elements, supports)
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (1e-3, 0.0, 0.0))))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (1e-3, 0.0, 0.0)))))
     return at_rest(structure, solution)
 
 
@@ -439,8 +438,7 @@ def test_the_first_period_of_a_cantilever():
     beams = jc.Beams(chain(n), section=section, torsional_stiffness=1.0, weight=weight)
     supports = in_plane(n + 1, clamped=[0])
     structure = jc.Structure(along_x(length, n), beams, supports)
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, 1.0))))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, 1.0)))))
     system, _ = at_rest(structure, solution)
     system = copy_with(system, load=jnp.zeros_like(system.load))
     k = brentq(lambda kl: np.cosh(kl) * np.cos(kl) + 1, 1.5, 2.0) / length
@@ -467,8 +465,7 @@ def test_beams_turn_over_large_angles():
     beams = jc.Beams(chain(n), section=section, torsional_stiffness=1.0, weight=4.0 * GRAVITY)
     supports = in_plane(n + 1, pinned=[0])
     structure = jc.Structure(along_x(length, n), beams, supports)
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (1.0, 0.0, 0.0))))
-    assert solution.status == 0
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (1.0, 0.0, 0.0)))))
     system, _ = at_rest(structure, solution)
     masses = 4.0 * length / n * np.r_[0.5, np.ones(n - 1), 0.5]
     system = copy_with(system, load=jnp.zeros((n + 1, 6)).at[:, 2].set(-GRAVITY * masses))

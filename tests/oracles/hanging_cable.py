@@ -28,21 +28,30 @@ class HangingCable:
         assert np.abs(miss(found.x)).max() < 1e-13
         self.ends = np.linalg.norm([self.pull, self.pull - length * self.load], axis=1)
 
-    def at(self, s):
-        def tangent(s):
-            tension = self.pull - self.load * s
-            return tension / self.stiffness + tension / np.linalg.norm(tension)
+    def tangent(self, s):
+        """Derivative of the position by the unstressed length, at one place or at several."""
+        tension = self.pull - np.multiply.outer(s, self.load)
+        size = np.linalg.norm(tension, axis=-1, keepdims=True)
+        return tension / self.stiffness + tension / size
 
+    def at(self, s):
         # the interval is divided where the cable bends most: at the least tension
         turn = self.pull @ self.load / max(self.load @ self.load, 1e-300)
         points = [turn] if 0 < turn < s else None
-        return self.first + quad_vec(tangent, 0, s, epsabs=1e-13, epsrel=1e-14, points=points)[0]
+        found = quad_vec(self.tangent, 0, s, epsabs=1e-13, epsrel=1e-14, points=points)
+        return self.first + found[0]
 
     def least(self, function, places=400):
-        """Least value of a function of the position along the cable, and the position."""
+        """Least value of a function of the position along the cable, and the position.
+
+        Positions by the trapezoidal rule are near enough to say between which places it is.
+        """
         s = np.linspace(0, self.length, places + 1)
-        k = int(np.argmin([function(self.at(x)) for x in s]))
-        bounds = s[max(k - 1, 0)], s[min(k + 1, places)]
+        rates = self.tangent(s)
+        steps = 0.5 * (rates[1:] + rates[:-1]) * s[1]
+        near = self.first + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+        k = int(np.argmin([function(x) for x in near]))
+        bounds = s[max(k - 2, 0)], s[min(k + 2, places)]
         found = minimize_scalar(
             lambda x: function(self.at(x)), bounds=bounds, method="bounded", options={"xatol": 1e-9}
         )

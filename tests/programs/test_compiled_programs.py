@@ -64,25 +64,25 @@ DUCTILE = jc.Polygonal([-0.03, -0.002, 0.0, 0.002, 0.03], [-5e8, -4e8, 0.0, 4e8,
 TIP = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0)))
 
 SOLVES = {
-    "two phases": lambda: (cross(), LOADED),
     "scene": jc.scenes.von_mises_truss,
     "stages": lambda: (
         cross(),
         [PRESTRESS, jc.Phase(removes=jc.only([3])), jc.Phase(adds=jc.only([3]), loads=LOAD)],
     ),
-    "shortening": lambda: (cross(), [PRESTRESS, jc.Phase(shortening=1e-3)]),
-    "jacking": lambda: (cross(), jc.Phase(jacking=jc.only([0, 1], 100.0))),
-    "temperature": lambda: (cross(), [PRESTRESS, jc.Phase(temperature=20.0)]),
-    "weight": lambda: (
+    "actions": lambda: (
         cross(weight=5.0),
-        [PRESTRESS, jc.Phase(loads=[jc.SelfWeight(), LOAD])],
+        [
+            PRESTRESS,
+            jc.Phase(shortening=1e-3, temperature=20.0, loads=[jc.SelfWeight(), LOAD]),
+            jc.Phase(loads=jc.LineLoads((0.0, 0.0, -10.0))),
+        ],
     ),
-    "line load": lambda: (cross(), [PRESTRESS, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -10.0)))]),
+    "jacking": lambda: (cross(), jc.Phase(jacking=jc.only([0, 1], 100.0))),
     "incremental": lambda: (cross(), LOADED, jc.Incremental(corrections=3)),
-    "path": lambda: (cross(), LOADED, jc.Newton(watch=True)),
-    "plastic bars": lambda: (
+    "watched, plastic": lambda: (
         cross(axial_stiffness=None, law=PLASTIC, area=1e-4),
         LOADED,
+        jc.Newton(watch=True),
     ),
     "fibres": lambda: (cantilever(DUCTILE), TIP),
     "catenaries": lambda: (
@@ -115,7 +115,7 @@ def test_counts_programs():
         jnp.arange(3.0) + 1.0
     assert names
     with jc.evaluation("xla"), compiled_programs() as names:
-        jc.solve(cross(), PRESTRESS)
+        jc.force_density(cross(), 10.0, loads=LOAD)
     assert names
 
 
@@ -189,6 +189,7 @@ DERIVATIVES = {
 }
 
 
+@pytest.mark.slow_cases("jvp", "vjp")  # parts of "jvp of vjp"
 @pytest.mark.parametrize("name", DERIVATIVES)
 def test_derivatives_compile_few(name):
     """Derivatives outside of `jax.jit`: the operations of the package are in its programs."""

@@ -96,12 +96,13 @@ TRANSFORMATIONS = {
     "vmap": lambda solve, number: jax.vmap(solve)(jnp.array([1.0, 1.02])),
     "vmap of grad": lambda solve, number: jax.vmap(jax.grad(number))(jnp.array([1.0, 1.02])),
 }
-# compiled for a minute each
+# compiled for long; of beams and catenaries `tests/analysis/test_transforms.py` compiles some
 SLOW = pytest.mark.slow
 
 
 @pytest.mark.slow_cases(
-    *("value-frame", "vmap-frame", "value-hanging", "vmap-hanging", "vmap-slack")
+    *("value-frame", "grad-frame", "vmap-frame", "value-hanging", "grad-hanging", "vmap-hanging"),
+    *("grad-slack", "vmap-slack", "vmap-net"),
 )
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(

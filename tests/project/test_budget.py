@@ -41,7 +41,10 @@ MUCH = 10**6
             [r"test_a_run\S+::test_dear took \d\.\d, and a test may take 2"],
             0,
         ),
-        ({"run": 10, "test": 2}, [r"the run took", r"::test_dear took"], 2),
+        pytest.param(
+            *({"run": 10, "test": 2}, [r"the run took", r"::test_dear took"], 2),
+            marks=pytest.mark.slow,  # every run of all tests has workers
+        ),
     ],
     ids=["within", "run", "test", "workers"],
 )

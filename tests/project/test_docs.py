@@ -1,10 +1,12 @@
 """Every public name has an example in its docstring, and all examples give what they say."""
 
 import doctest
-import importlib
+import importlib.util
 import inspect
 import pkgutil
+import re
 import types
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -91,81 +93,24 @@ def examples(name):
     return [test for test in found if test.examples]
 
 
-@pytest.mark.slow_cases(
-    "jaxcable",
-    "jaxcable.analysis.batches",
-    "jaxcable.analysis.phase_results",
-    "jaxcable.analysis.phases",
-    "jaxcable.analysis.results",
-    "jaxcable.analysis.solution",
-    "jaxcable.analysis.solver",
-    "jaxcable.common.checks",
-    "jaxcable.common.compilation",
-    "jaxcable.common.progress",
-    "jaxcable.common.status",
-    "jaxcable.design.confidence",
-    "jaxcable.design.constrained",
-    "jaxcable.design.descent",
-    "jaxcable.design.fit",
-    "jaxcable.design.influence",
-    "jaxcable.design.influence_line",
-    "jaxcable.design.load_cases",
-    "jaxcable.design.minimize",
-    "jaxcable.design.moving_loads",
-    "jaxcable.design.tune",
-    "jaxcable.elements.bar",
-    "jaxcable.elements.beam",
-    "jaxcable.elements.cable",
-    "jaxcable.elements.catenary",
-    "jaxcable.elements.contact",
-    "jaxcable.elements.contract",
-    "jaxcable.elements.sliding",
-    "jaxcable.equilibrium.incremental",
-    "jaxcable.equilibrium.newton",
-    "jaxcable.extend",
-    "jaxcable.forms.equivalent_prestress",
-    "jaxcable.forms.force_density",
-    "jaxcable.forms.form",
-    "jaxcable.forms.hanging_cables",
-    "jaxcable.forms.prescribed_forces",
-    "jaxcable.forms.relaxation",
-    "jaxcable.loads.along",
-    "jaxcable.loads.ice",
-    "jaxcable.loads.line_loads",
-    "jaxcable.loads.movement",
-    "jaxcable.loads.nodal",
-    "jaxcable.loads.path_loads",
-    "jaxcable.loads.pressure",
-    "jaxcable.loads.wind",
-    "jaxcable.loads.wind_profiles",
-    "jaxcable.materials.polygonal",
-    "jaxcable.materials.presets",
-    "jaxcable.paths.events",
-    "jaxcable.paths.result",
-    "jaxcable.plots.animation",
-    "jaxcable.plots.diagrams",
-    "jaxcable.plots.nets",
-    "jaxcable.reporting.report",
-    "jaxcable.results.energy",
-    "jaxcable.results.internal_forces",
-    "jaxcable.results.rotations",
-    "jaxcable.results.stresses",
-    "jaxcable.scenes.building_blocks",
-    "jaxcable.scenes.snap_through",
-    "jaxcable.sections.linear_section",
-    "jaxcable.sections.section",
-    "jaxcable.sections.shapes",
-    "jaxcable.sections.strains",
-    "jaxcable.stiffness.buckling",
-    "jaxcable.stiffness.flexibility",
-    "jaxcable.stiffness.imperfections",
-    "jaxcable.stiffness.tangent",
-    "jaxcable.stiffness.vibration",
-    "jaxcable.studies.study",
-    "scenes.cables",
+ANALYSES = re.compile(
+    r"^ *(>>>|\.\.\.) .*\b(solve|trace_path|minimize|find_form|fit|tune|influence|moving_load"
+    r"|study|first_order)\w*\(",
+    re.M,
 )
+"""Calls that make an example slow; tests of the rooms call them as well."""
+
+
+def cases():
+    """The modules with examples; those with analyses are slow."""
+    for name in MODULES:
+        text = Path(importlib.util.find_spec(name).origin).read_text("utf-8")
+        if ">>> " in text:
+            yield pytest.param(name, marks=[pytest.mark.slow] * bool(ANALYSES.search(text)))
+
+
 @pytest.mark.filterwarnings("ignore:fuse_loops")  # this process has computed already
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize("name", [*cases()])
 def test_examples(name):
     runner = doctest.DocTestRunner()
     tests = examples(name)

@@ -1,11 +1,10 @@
 """The rules of the house: imports go downward, modules are short, public names are documented."""
 
 import ast
+import functools
 import graphlib
 import inspect
-import io
 import re
-import tokenize
 from pathlib import Path
 
 import pytest
@@ -23,12 +22,11 @@ FLOORS = """
 """
 LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
-TREES = {path: ast.parse(text) for path, text in TEXTS.items()}
 
 
 def nodes(kind):
     """Pairs (path, node) of all nodes of a kind in the modules of the package."""
-    for path, tree in TREES.items():
+    for path, tree in rooms.trees().items():
         yield from ((path, node) for node in ast.walk(tree) if isinstance(node, kind))
 
 
@@ -64,18 +62,24 @@ def dotted(path):
     return parts[:-1] if parts[-1] == "__init__" else parts
 
 
-KNOWN = {dotted(path) for path in TREES}
-GRAPH = {path: set(imported(path, tree)) - {dotted(path)} for path, tree in TREES.items()}
+KNOWN = {dotted(path) for path in TEXTS}
+
+
+@functools.cache
+def graph():
+    """What each file imports of other modules, by path."""
+    trees = rooms.trees()
+    return {path: set(imported(path, tree)) - {dotted(path)} for path, tree in trees.items()}
 
 
 def test_imports_go_downward():
     upward = [
         (str(path.relative_to(PACKAGE)), other)
-        for path, others in GRAPH.items()
+        for path, others in graph().items()
         for other in ((other or ("__init__",))[0] for other in others)
         if other != room(path) != "__main__" and LEVEL[other] >= LEVEL[room(path)]
     ]
-    assert upward == [] and sum(map(len, GRAPH.values())) > 1000
+    assert upward == [] and sum(map(len, graph().values())) > 1000
 
 
 def test_no_text_has_marks_of_a_merge():
@@ -90,9 +94,9 @@ def test_no_text_has_marks_of_a_merge():
 
 def test_no_module_imports_itself_by_way_of_others():
     """One way inside of rooms, too: the modules can be put in an order."""
-    graph = {dotted(path): others for path, others in GRAPH.items()}
-    order = list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError
-    assert len(order) == len(TREES) and max(map(len, graph.values())) > 10
+    modules = {dotted(path): others for path, others in graph().items()}
+    order = list(graphlib.TopologicalSorter(modules).static_order())  # raises CycleError
+    assert len(order) == len(TEXTS) and max(map(len, modules.values())) > 10
 
 
 def test_map_of_the_rooms_is_that_of_the_imports():
@@ -108,18 +112,20 @@ def test_modules_and_functions_are_short_and_documented():
         told = node.body[0].end_lineno if ast.get_docstring(node) else node.body[0].lineno - 1
         if node.end_lineno - told >= 80:
             wrong.append(f"{path}: {node.name} is long")
-    for path, tree in TREES.items():
+    for path, tree in rooms.trees().items():
         defined = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef)]
         public = [node for node in defined if not node.name.startswith("_")]
         wrong += [f"{path}: docstring" for node in (tree, *public) if not ast.get_docstring(node)]
     assert wrong == []
 
 
-@pytest.mark.parametrize("name", sorted({path.parent.name for path in TREES}))
+@pytest.mark.parametrize("name", sorted({path.parent.name for path in TEXTS}))
 def test_what_a_room_shows_is_in_its_list(name):
     """`__all__` has all that a room's `__init__` defines or, if it defines nothing, imports."""
     (tree,) = (
-        t for path, t in TREES.items() if path.name == "__init__.py" and path.parent.name == name
+        tree
+        for path, tree in rooms.trees().items()
+        if path.name == "__init__.py" and path.parent.name == name
     )
     shown = [
         alias.asname or alias.name
@@ -262,13 +268,16 @@ FOREIGN |= {
 }
 
 
+TOKENS = re.compile(r'"""[\s\S]*?"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|#.*|\b[^\W\d]\w*')
+"""Strings, comments and names of Python; `tokenize` finds the same, and takes ten times as long."""
+
+
 def words_of(text):
     """Names and words in the code of a module, and in those of its strings that are one word."""
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.NAME:
-            yield token.string
-        elif token.type == tokenize.STRING and token.string[1:-1].isidentifier():
-            yield token.string[1:-1]
+    for token in TOKENS.findall(text):
+        word = token.strip("\"'")
+        if word.isidentifier():
+            yield word
 
 
 def unknown_names(text, known):
