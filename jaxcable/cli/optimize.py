@@ -283,15 +283,21 @@ def _describe_movement(solution, number, units):
 
 def _describe_slack_elements(structure, solution):
     """Return lines on the slack elements of each group at the end of all phases."""
-    forces = values_per_group(structure, solution.tension)
-    there = present_elements(structure, solution.present)
+    parts = (
+        named_groups_of(structure),
+        values_per_group(structure, solution.tension),
+        present_elements(structure, solution.present),
+    )
     lines = []
-    for (name, group), force, present in zip(named_groups_of(structure), forces, there, strict=True):
+    for (name, group), force, present in zip(*parts, strict=True):
         slack = np.flatnonzero(slack_elements(group, force, present))
         if len(slack):
-            shown = ", ".join(map(str, slack[:_MOST_NAMED])) + (", ..." * (len(slack) > _MOST_NAMED))
-            words = f"{len(slack)} of {len(force)} in {name!r}" if name else f"{len(slack)} of them"
-            lines.append(f"SLACK at the end: elements {shown} ({words})")
+            shown = [*map(str, slack[:_MOST_NAMED]), *["..."] * (len(slack) > _MOST_NAMED)]
+            where = f" of {name!r}" if name else ""
+            lines.append(
+                f"SLACK at the end: {len(slack)} of {len(group.links)} elements{where}: "
+                f"{', '.join(shown)}"
+            )
     return lines
 
 

@@ -39,7 +39,8 @@ TO_CUBIC = np.linalg.inv(np.vander(SAMPLES, 4, increasing=True))
 
 
 _MOST_NUMBERS = 10_000_000
-"""Largest product of the results that are differentiated together, of all of them, and of places."""
+"""Largest product of the number of results that are differentiated together, of that of all, and of
+that of places."""
 
 
 @pytree(static=("on",), indices=("path",))
