@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -152,15 +152,14 @@ def _search_on_host(limit_state, quantities, args, begin, tol, steps, points):
         def evaluate(state, number=number):
             return _evaluate(limit_state, np.int32(number), quantities, args, state.trial)
 
-        results.append(_fields(search_on_host(evaluate, advance, start), quantities))
-    fields = results[0]
+        results.append(_result(search_on_host(evaluate, advance, start), quantities))
+    found = results[0]
     if names is not None:
-        fields = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
-    found = FirstOrder(*fields, limit_states=names, layout=quantities.layout)
+        found = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
     count = max(int((~np.isnan(found.points.beta)).sum(axis=-1).max()), 1)
     axis = 0 if names is None else 1
     used = jax.tree.map(lambda leaf: leaf[(slice(None),) * axis + (slice(count),)], found.points)
-    return copy_with(found, points=used)
+    return copy_with(found, points=used, limit_states=names)
 
 
 @functools.partial(as_program, static=("points",))
@@ -198,44 +197,24 @@ def _make_traced_search(steps, points):
             state = search_in_program(
                 evaluate, advance, _initial_state(own, start, within, points=points)
             )
-            return _fields(state, own), state.found.by_distance()[0]
+            return _result(state, own), state.found.by_distance()[0]
 
         each = jnp.arange(1 if names is None else len(names))
-        fields, near = jax.vmap(search)(each)
-        betas = _with_own_derivatives(function, each, fields, near, numbers)
-        found = jax.vmap(functools.partial(_with_derivatives, numbers=numbers))(fields, betas)
+        found, near = jax.vmap(search)(each)
+        betas = _with_own_derivatives(function, each, found, near, numbers)
+        found = jax.vmap(functools.partial(_with_derivatives, numbers=numbers))(found, betas)
         if names is None:
             found = jax.tree.map(lambda leaf: leaf[0], found)
-        return FirstOrder(*found, limit_states=names, layout=quantities.layout)
+        return copy_with(found, limit_states=names)
 
     return jax.jit(run)
 
 
-class _Fields(NamedTuple):
-    """The fields of `FirstOrder` that are arrays, in their order."""
-
-    status: Any
-    beta: Any
-    probability: Any
-    design_point: Any
-    u: Any
-    alpha: Any
-    importance: Any
-    iterations: Any
-    evaluations: Any
-    failures: Any
-    distance: Any
-    misalignment: Any
-    curvature: Any
-    points: Any
-    last_point: Any
-
-
-def _with_own_derivatives(function, each, fields, near, numbers):
+def _with_own_derivatives(function, each, found, near, numbers):
     """Return the indices of all design points of all limit states, [m, k], with derivatives."""
-    absent = jnp.isnan(fields.points.beta) & ~jnp.isnan(fields.beta[:, None])
+    absent = jnp.isnan(found.points.beta) & ~jnp.isnan(found.beta[:, None])
     # rows that repeat the first point: a NaN there would enter the derivatives of others
-    betas = jnp.where(absent, fields.beta[:, None], fields.points.beta)
+    betas = jnp.where(absent, found.beta[:, None], found.points.beta)
     m, k = betas.shape
     flat = Point(*(array.reshape(m * k, *array.shape[2:]) for array in near))
     attach = functools.partial(attach_derivative, function, numbers=numbers)
@@ -243,25 +222,28 @@ def _with_own_derivatives(function, each, fields, near, numbers):
     return jnp.where(absent, jnp.nan, attached.reshape(m, k))
 
 
-def _with_derivatives(fields, betas, *, numbers):
-    """Return the fields with the derivatives that they have, by `betas`, and NaN for the others."""
+def _with_derivatives(found, betas, *, numbers):
+    """Return a result with the derivatives that it has, by `betas`, and NaN for all others."""
     several = jnp.sum(~rows_without_point(betas)) > 1
-    beta = betas[0]
-    alone = ndtr(-beta)
-    probability = alone + lax.stop_gradient(fields.probability - alone)
-    bare = fields._replace(status=None, iterations=None, evaluations=None, failures=None)
-    others = without_derivative(bare, numbers)
-    return others._replace(
-        beta=beta,
+    alone = ndtr(-betas[0])
+    probability = alone + lax.stop_gradient(found.probability - alone)
+    bare = jax.tree.map(
+        lambda leaf: (
+            without_derivative(leaf, numbers) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
+        ),
+        found,
+    )
+    return copy_with(
+        bare,
+        beta=betas[0],
         probability=without_derivative_where(several, probability, numbers),
-        points=copy_with(others.points, beta=betas),
-        **{name: getattr(fields, name) for name, value in bare._asdict().items() if value is None},
+        points=copy_with(bare.points, beta=betas),
     )
 
 
 @as_program
-def _fields(state, quantities):
-    """Return the fields of `FirstOrder`, without derivatives, of a search that has ended."""
+def _result(state, quantities):
+    """Return the `FirstOrder`, without derivatives, of a search that has ended."""
     layout, factor = quantities.layout, quantities.factor()
     near, curvature, count = state.found.by_distance()
     good = state.code == status.OK
@@ -290,12 +272,14 @@ def _fields(state, quantities):
         *(split_by_name(layout, x) for x in (u, alphas)),
     )
     nearest = jax.tree.map(lambda leaf: leaf[0], every)
-    return _Fields(
+    return FirstOrder(
         *(state.code, nearest.beta, jnp.where(several, system.high, ndtr(-nearest.beta))),
         *(nearest.design_point, nearest.u, nearest.alpha),
         split_by_name(layout, importance),
         *(state.iterations, state.evaluations, state.failures),
         *(*far, nearest.curvature, every, last),
+        limit_states=None,
+        layout=layout,
     )
 
 
