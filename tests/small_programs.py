@@ -10,6 +10,7 @@ tests take longer, and nothing else changes.
 """
 
 import contextlib
+import functools
 import weakref
 
 import jax
@@ -101,6 +102,7 @@ def by_numpy(switch):
         pjit._pjit_call_impl_python = _evaluate if switch else COMPILE
 
 
+@functools.cache
 def is_possible():
     """Tell whether this jax has the place: a sum and its dtype are right, and nothing compiles."""
     heard = []
