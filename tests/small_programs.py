@@ -10,6 +10,7 @@ tests take longer, and nothing else changes.
 """
 
 import contextlib
+import functools
 import weakref
 
 import jax
@@ -18,6 +19,7 @@ import numpy as np
 
 from jaxcable.common import jax_internals as internals
 from jaxcable.programs.evaluator import count_equations, write_program
+from jaxcable.programs.writing import inner_jaxprs
 
 try:
     from jax._src import config, pjit
@@ -29,7 +31,15 @@ except (ImportError, AttributeError):
 MOST_EQUATIONS = 40  # of a small program
 MOST_CALLS = 500
 """Calls of a program by NumPy, each of which takes 0.1 ms; XLA compiles it then."""
-LOOPS = {"while", "scan"}
+LEFT_TO_XLA = {"while", "scan", "ffi_call", "pure_callback", "io_callback"}
+"""Primitives of loops, and of calls on the host, which XLA makes."""
+
+
+def primitives(jaxpr):
+    """Return the names of the primitives of a jaxpr, and of those within it."""
+    found = {equation.primitive.name for equation in jaxpr.eqns}
+    inner = (own for equation in jaxpr.eqns for own in inner_jaxprs(equation))
+    return found.union(*map(primitives, inner))
 
 
 class SmallProgram:
@@ -41,8 +51,8 @@ class SmallProgram:
 
     def __init__(self, jaxpr):
         self.calls, self.run = 0, None
-        known = {equation.primitive.name for equation in jaxpr.eqns}
-        if jaxpr.effects or known & LOOPS or count_equations(jaxpr) > MOST_EQUATIONS:
+        others = jaxpr.effects or primitives(jaxpr.jaxpr) & LEFT_TO_XLA
+        if others or count_equations(jaxpr) > MOST_EQUATIONS:
             return
         with contextlib.suppress(NotImplementedError):
             self.run = write_program(jaxpr)
@@ -92,6 +102,7 @@ def by_numpy(switch):
         pjit._pjit_call_impl_python = _evaluate if switch else COMPILE
 
 
+@functools.cache
 def is_possible():
     """Tell whether this jax has the place: a sum and its dtype are right, and nothing compiles."""
     heard = []

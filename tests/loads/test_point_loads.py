@@ -114,7 +114,7 @@ def test_one_element_is_exact_in_linear_theory(kind, number):
     """Displacements of ends and section forces on both sides of loads, sections off their axis."""
     structure, solution, points, members, exact = linear_frame()
     links = structure.elements[kind].links.array[number]
-    start, end = structure.nodes[links]
+    start, end = np.asarray(structure.nodes)[links]
     node = int(np.flatnonzero(np.abs(points - end).max(axis=1) < 1e-9)[0])
     moved = exact.displacements[node, :3]
     size = 1e-6 * LENGTH**3 / (LAW.E * 0.1 * 0.05**3 / 12)  # of a cantilever
