@@ -111,7 +111,7 @@ class _ObjectDescriber:
             )
         if isinstance(value, np.generic):
             return _digest_of_array(value)
-        if is_jaxpr(value):
+        if is_jaxpr(value) and not isinstance(value, type):  # its class has the same attributes
             return self._memoized_digest(value, self._describe_jaxpr)
         if self.reads_code and kind not in _COLLECTIONS:
             return self._memoized_digest(value, self._describe_definition)
