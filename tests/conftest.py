@@ -59,7 +59,7 @@ def pytest_configure(config):
     if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
     config.pluginmanager.register(budget.Budget(budget.budget_of(config)))
-    small_programs.by_numpy(small_programs.is_possible())
+    small_programs.by_numpy(not FUSED and small_programs.is_possible())
 
 
 COMPILED = pathlib.Path(__file__).parent / "programs"
@@ -69,7 +69,7 @@ COMPILED = pathlib.Path(__file__).parent / "programs"
 def pytest_runtest_setup(item):
     """Operations on known arrays compile nothing, except in tests of programs."""
     own = COMPILED in item.path.parents or item.get_closest_marker("compiled")
-    small_programs.by_numpy(small_programs.is_possible() and not own)
+    small_programs.by_numpy(not (FUSED or own) and small_programs.is_possible())
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks are selected

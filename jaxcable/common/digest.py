@@ -126,11 +126,12 @@ class _ObjectDescriber:
             )
         if isinstance(value, np.generic):
             return _digest_of_array(value)
-        if is_jaxpr(value) and self.of_process:
+        jaxpr = is_jaxpr(value) and not isinstance(value, type)  # its class has the same attributes
+        if jaxpr and self.of_process:
             if value not in _known_jaxprs:
                 _known_jaxprs[value] = _digest_of_words(self._describe_jaxpr(value))
             return _known_jaxprs[value]
-        if is_jaxpr(value):
+        if jaxpr:
             return self._memoized_digest(value, self._describe_jaxpr)
         if self.reads_code and kind not in _COLLECTIONS:
             return self._memoized_digest(value, self._describe_definition)

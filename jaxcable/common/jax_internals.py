@@ -196,9 +196,7 @@ def function_of_jaxpr(program: Any) -> Callable[..., Any]:
 
 
 def is_jaxpr(value: Any) -> bool:
-    """Tell whether a value is a jaxpr, with its constants or without; its class is none."""
-    if isinstance(value, type):
-        return False
+    """Tell whether a value is a jaxpr, with its constants or without."""
     return hasattr(value, "eqns") and (hasattr(value, "consts") or hasattr(value, "constvars"))
 
 
