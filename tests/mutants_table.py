@@ -63,7 +63,7 @@ FAULTS = (
         "value = 4 * (1 - t * (1 / 3 - t * (1 / 5", "value = 4 * (1 - t * (1 / 3 - t * (2 / 5",
         "the second term of an angle's series has the coefficient of its slope"),
     Fault("numerics/implicit.py",
-        "~(system.is_at_kink(x) & valid)", "~(system.is_at_kink(x) & ~valid)",
+        "~(slackened.at_kink & valid)", "~(slackened.at_kink & ~valid)",
         "the derivative at a kink is that of one side instead of NaN"),
     Fault("sections/fibres.py",
         "[zero, z2, -yz], [zero, -yz, y2]", "[zero, z2, yz], [zero, yz, y2]",

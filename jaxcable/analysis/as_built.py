@@ -116,7 +116,8 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
     of the structure. Nothing is known of a `solution` that is traced: False.
     """
     stands = all(phase.end_tension is None for phase in phases)
-    if stands or isinstance(solution.status, jax.core.Tracer):
+    traced = any(isinstance(x, jax.core.Tracer) for x in (solution.status, solution.positions))
+    if stands or traced:
         return False
     if int(solution.status) != status.OK or not bool(solution.stable):
         return True

@@ -112,7 +112,8 @@ def solve(
             )
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
-    plausibility.warn_of_collapse(solution)
+    jacked = any(one.jacking is not None or one.end_tension is not None for one in phases)
+    plausibility.warn_of_collapse(solution, jacked)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task)
     return arrange_solution(structure, solution, task)

@@ -92,8 +92,8 @@ _TEXTS = {
         "stress-strain curve; reduce the forces or look at Section.interaction"
     ),
     OUT_OF_STEPS: (
-        "the largest number of steps was reached before convergence: allow more (`steps`), or go "
-        "on from the parameters reached; their loss is the smallest so far"
+        "maximum number of optimization steps reached before convergence: allow more (`steps`), or "
+        "go on from the parameters reached"
     ),
     STALLED: (
         "no step, however short, improves the result: the loss has reached its rounding "

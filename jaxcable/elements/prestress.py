@@ -63,6 +63,15 @@ class AxialState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
+    def weighed_anew(self) -> AxialState:
+        """Return the state at the start of a phase: weight and loads act on the unstressed length.
+
+        In the phase of a jack they act on the length before, and from then on on that which it has
+        left, however the force was stated.
+        """
+        stretch = 1.0 if self.thermal_stretch is None else self.thermal_stretch
+        return copy_with(self, loaded_length=self.rest_length / stretch)
+
     @property
     def load_bearing_length(self) -> Float[Array, " n_elem"]:
         """Length that weight and loads act on, [n_elem], m: `loaded_length`, or `rest_length`."""
@@ -86,15 +95,6 @@ class Prestressed(Prestressable):
         if self.weight is None:
             return None
         return state.zero_where_absent(self.weight * state.load_bearing_length)
-
-    def weighed_anew(self, state: AxialState) -> AxialState:
-        """Return the state at the start of a phase: weight and loads act on the unstressed length.
-
-        In the phase of a jack they act on the length before, and from then on on that which it has
-        left, however the force was stated.
-        """
-        stretch = 1.0 if state.thermal_stretch is None else state.thermal_stretch
-        return copy_with(state, loaded_length=state.rest_length / stretch)
 
     @abc.abstractmethod
     def strain_at(

@@ -9,7 +9,7 @@ in which such elements are slack.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 from jax import lax
@@ -23,8 +23,8 @@ from ..spaces.space import Motion
 from ..spaces.translations import drop_low_part
 from .elementwise import evaluate_elements
 
-if TYPE_CHECKING:
-    from .assembly import System
+System: TypeAlias = Any
+"""`assembly.System`, which cannot be imported here: it stands on this module."""
 
 _MOST_STEPS = 100
 """Steps of the search for a movement, each of which can add one element to those it slackens."""

@@ -72,7 +72,7 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
     area = jc.AreaLoads([[0, 1, 2]], (0.0, 0.0, -100.0), "initial")
     more = [*actions(), Action("roof", "snow", area), Action("impact", "accidental", LOAD)]
     jc.save_scene("more.json", (STRUCTURE, PHASES), actions=more)
-    words = "solve more.json --combinations 'EN 1990' --which 'SLS quasi-permanent'"
+    words = "solve more.json --combinations 'EN 1990' --which 'SLS characteristic'"
     for _ in range(2):
         assert command(f"{words} --report r.csv --report r.txt --report") == 0
         told = capsys.readouterr().out

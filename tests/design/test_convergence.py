@@ -252,7 +252,7 @@ def test_tolerances_are_refused_or_fail():
 
 
 def test_every_event_has_its_text():
-    texts = [jc.describe(code) for code in range(status.NOT_AS_BUILT + 1)]
+    texts = [jc.describe(code) for code in range(status.NOT_NEAREST + 1)]
     assert len(set(texts)) == len(texts)
     for code, words in {
         status.OUT_OF_STEPS: "maximum number of optimization steps reached",

@@ -13,6 +13,9 @@ from banks.net_bank import together
 import jaxcable as jc
 from jaxcable.common.tree import copy_with
 
+# structures of random forces, some of which move far
+pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
+
 DEFAULT = "string", "prism", "blown"  # bars only, with prestressed cables, cables alone
 
 

@@ -6,6 +6,9 @@ from banks.problems import random_net, unbalanced
 
 import jaxcable as jc
 
+# structures of random forces, some of which move far
+pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
+
 SPREAD = 3.0  # m, standard deviation of a random start; the nets are 2 to 6 m wide
 
 
