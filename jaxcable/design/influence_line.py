@@ -29,18 +29,12 @@ from ..loads import PointLoads
 from ..loads.groups import Key
 from ..loads.path_loads import ROUNDING, path_of
 from ..model.structure import Structure
-from ..programs.program_calls import as_program
 from .arguments import require_structure
 
 SAMPLES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 """Places on each piece of a line at which it is computed: inside, without kinks and jumps."""
 TO_CUBIC = np.linalg.inv(np.vander(SAMPLES, 4, increasing=True))
 """Coefficients of a cubic from its values there."""
-
-
-_MOST_NUMBERS = 10_000_000
-"""Largest product of the number of results that are differentiated together, of that of all, and of
-that of places."""
 
 
 @pytree(static=("on",), indices=("path",))
@@ -213,7 +207,9 @@ def influence_line(
         return of(solution) if callable(of) else getattr(solution, of)
 
     zero = jnp.zeros(len(elements), jnp.asarray(structure.nodes).dtype)
-    slopes = _jacobian_by_rows(final, zero)
+    slopes = jax.jacrev(final)(zero)
+    if isinstance(slopes, dict | list | tuple) or slopes is None:
+        raise ValueError("of: expected a function of the solution to one array of floats")
     shape = (*slopes.shape[:-1], len(numbers) * (len(at) - 1), 4)
     coefficients = slopes.reshape(shape) @ jnp.asarray(TO_CUBIC.T, slopes.dtype)
     ends = found.stations
@@ -222,30 +218,6 @@ def influence_line(
     pack = jnp if isinstance(ends, jax.Array) else np
     stations = pack.concatenate([each.ravel(), ends[-1:]])
     return InfluenceLine(stations, coefficients, direction, Indices(numbers), on)
-
-
-def _jacobian_by_rows(function, x):
-    """Return the derivatives of a function's result, [...], by x, [n]: an array [..., n].
-
-    Adjoint solves take some results at a time, so that memory does not grow with all of them.
-    """
-    value, pull = jax.vjp(function, x)
-    if not isinstance(value, jax.Array) or not jnp.issubdtype(value.dtype, jnp.floating):
-        raise ValueError("of: expected a function of the solution to one array of floats")
-    count = value.size
-    together = max(1, min(count, _MOST_NUMBERS // max(1, count * x.size)))
-    rows = np.eye(count + -count % together, count, dtype=value.dtype)
-    parts = [
-        _pull_rows(pull, rows[k : k + together].reshape(-1, *value.shape))
-        for k in range(0, count, together)
-    ]
-    return jnp.concatenate(parts)[:count].reshape(*value.shape, x.size)
-
-
-@as_program
-def _pull_rows(pull, rows):
-    """Return the results of a linear function `pull` of each of `rows`, [n_row, n]."""
-    return jax.vmap(pull)(rows)[0]
 
 
 def _checked_breaks(breaks):
