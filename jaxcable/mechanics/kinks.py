@@ -93,13 +93,13 @@ def _find(system, x, places):
     search = deferred(lambda *at: _released(*at, places), nothing)
     released = nothing
     if places:
-        released = lax.cond(_any(counted), search, lambda *_: nothing, system, x, counted)
+        released = lax.cond(_any_element(counted), search, lambda *_: nothing, system, x, counted)
     for k, own in zip(places, released, strict=True):
         kinked[k] = kinked[k] & ~own
-    return released, _any(kinked)
+    return released, _any_element(kinked)
 
 
-def _any(masks):
+def _any_element(masks):
     """Return whether any entry of arrays, or None, is true, scalar bool."""
     return jnp.any(jnp.stack([jnp.any(own) for own in masks if own is not None] or [False]))
 
@@ -175,6 +175,7 @@ def _released(system, x, counted, places):
         longest = jnp.argmin(shortening(step))
         towards = movement(jnp.zeros(len(along), x.dtype).at[longest].set(1.0)) - step
         size = jnp.vdot(towards, towards)
+        # the point of the segment next to zero: beyond its ends it would leave the convex hull
         part = jnp.clip(-jnp.vdot(towards, step) / jnp.where(size > 0, size, 1.0), 0.0, 1.0)
         step = step + part * towards
         return step, jnp.min(shortening(step)), count + 1

@@ -290,7 +290,12 @@ def estimated_error(point: Point, curvature: Float[Array, ""]) -> Float[Array, "
 
 
 def _curvature_within_limits(curvature):
-    """Return the curvature, from 0.01 to 1; 1 where it is unknown."""
+    """Return the curvature, from 0.01 to 1; 1 where it is unknown.
+
+    Near a sphere, below 0.01, all points are as near as the minimum, and no search could meet a
+    tolerance of the direction: `FirstOrder.curvature` has the value itself, and shows where it is
+    so. Above 1 the misalignment is the larger error already.
+    """
     known = jnp.where(jnp.isnan(curvature), 1.0, curvature)
     return jnp.clip(known, _LEAST_CURVATURE, 1.0)
 
