@@ -67,7 +67,7 @@ def computed(n_elements, increments, method):
     """Displacements of nodes 2 to 5 in phase 2, [4, 2], mm, and the solution."""
     scene = jc.scenes.accuracy_cable(n_elements, LOADS, increments=(increments, increments))
     solution = jc.solve(*scene, method)
-    moved = 1e3 * np.asarray(solution.phases[1].displacement)
+    moved = 1e3 * np.asarray(solution.phases[1].displacement_in_phase)
     return moved[:: n_elements // 5][1:-1, ::2], solution
 
 

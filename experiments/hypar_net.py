@@ -30,7 +30,7 @@ COMPUTED = np.array(REFERENCE["computed_deflection_mm"])
 def deflections(method=None, increments=(100, 10)):
     """Deflections of the free nodes in phase 2, [12], mm, and the solution."""
     solution = jc.solve(*jc.scenes.hypar_net(increments=increments), method or jc.Newton())
-    return -1e3 * np.asarray(solution.phases[1].displacement)[FREE, 2], solution
+    return -1e3 * np.asarray(solution.phases[1].displacement_in_phase)[FREE, 2], solution
 
 
 def measures(off):

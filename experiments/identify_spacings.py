@@ -49,7 +49,7 @@ def deflections(spacing, heights=None):
         places = places.at[np.setdiff1d(np.arange(len(places)), FREE), 2].set(heights)
     structure = jc.replace(SCENE.structure, nodes=places)
     solution = jc.solve(structure, SCENE.phases, TIGHT)
-    return -1e3 * solution.phases[1].displacement[FREE, 2], solution
+    return -1e3 * solution.phases[1].displacement_in_phase[FREE, 2], solution
 
 
 def misfit(spacing, published):

@@ -48,7 +48,7 @@ LOADS = [jc.Phase(loads=jc.NodalLoads(FREE, force)) for force in FORCES]
 def problem(jacks, limits):
     """Sum of the link forces over 200 N, constraints, and the solutions of the three cases."""
     solutions = design.solve_cases(STRUCTURE, [jc.Phase(jacking=jacks[CABLE])], LOADS)
-    moved = jnp.sqrt(jnp.sum(solutions.phases[-1].displacement[:, FREE] ** 2, axis=-1))
+    moved = jnp.sqrt(jnp.sum(solutions.phases[-1].displacement_in_phase[:, FREE] ** 2, axis=-1))
     taut = EA * design.slack_distance(STRUCTURE, solutions)
     constraints = jnp.concatenate([(moved / limits[0] - 1).ravel(), (1 - taut / limits[1]).ravel()])
     return jnp.sum(jacks[CABLE]) / 200.0, constraints, solutions
@@ -63,7 +63,7 @@ def fresh(jacks):
         loading = jc.Phase(loads=jc.NodalLoads(FREE, force), increments=10)
         solution = jc.solve(structure, [prestress, loading])
         jc.raise_if_failed(solution)
-        moved.append(np.linalg.norm(solution.phases[1].displacement[FREE], axis=1))
+        moved.append(np.linalg.norm(solution.phases[1].displacement_in_phase[FREE], axis=1))
         tension.append(np.asarray(solution.tension))
     return np.array(moved), np.array(tension)
 

@@ -135,8 +135,7 @@ def tip_path(n, fibres=(1, 40), plane=True):
     def run(load):
         solution = analyse((WIDTH, HEIGHT, YIELD, load), n, fibres, plane)
         down, up = solution.phases
-        back = down.displacement[n, 2] + up.path.displacement[:, n, 2]
-        path = jnp.concatenate([down.path.displacement[:, n, 2], back])
+        path = jnp.concatenate([p.path.displacement[:, n, 2] for p in (down, up)])
         return solution.status, path, [jnp.sum(p.path.iterations) for p in (down, up)]
 
     return run

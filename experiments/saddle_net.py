@@ -98,7 +98,7 @@ def displaced(params):
 def misfit(params):
     """Computed less published, [90], m; second differences and heights, weighted; solution."""
     solution = displaced(params)
-    off = solution.phases[1].displacement[FREE, 2] - FIELD.ravel()
+    off = solution.phases[1].displacement_in_phase[FREE, 2] - FIELD.ravel()
     height = params["height"]
     bend = [height[s[2:]] - 2 * height[s[1:-1]] + height[s[:-2]] for s in SIDES]
     return (off, SMOOTH * jnp.concatenate(bend), LEVEL * height), solution
@@ -193,7 +193,7 @@ def identification(say, **options):
     held = np.isclose(np.abs(height), HIGHEST, atol=1e-6).sum()
     largest, value, rounding = np.abs(off).max(), rms(off), 0.01 / np.sqrt(12)
     solution = displaced(fit.params)
-    field = np.asarray(solution.phases[1].displacement)[FREE, 2].reshape(FIELD.shape)
+    field = np.asarray(solution.phases[1].displacement_in_phase)[FREE, 2].reshape(FIELD.shape)
     slack = int(solution.phases[1].path.n_slack[-1])
     tell(
         say,
@@ -285,7 +285,7 @@ def schemes(say, increments, methods=METHODS):
     )
     runs = {name: analysed(method, increments) for name, method in methods.items()}
     exact = next(iter(runs.values()))[0]
-    truth = np.asarray(exact.phases[1].path.displacement)[..., 2]
+    truth = np.asarray(exact.phases[1].path.displacement_in_phase)[..., 2]
     say(f"{'F/F0':>7}{'mid node':>12}{'largest':>12}{'slack':>7}")
     path = exact.phases[1].path
     n = increments[1]
@@ -306,7 +306,7 @@ def schemes(say, increments, methods=METHODS):
     gaps = {}
     for name, (solution, good, seconds) in runs.items():
         own = solution.phases[1].path
-        gap = np.abs(np.asarray(own.displacement)[..., 2] - truth).max(axis=1)
+        gap = np.abs(np.asarray(own.displacement_in_phase)[..., 2] - truth).max(axis=1)
         gaps[name] = gap
         solves = sum(int(np.asarray(phase.path.iterations).sum()) for phase in solution.phases)
         text = jc.describe(solution.status).split(";")[0]

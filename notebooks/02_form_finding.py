@@ -129,9 +129,8 @@ snow = jc.Phase(loads=jc.AreaLoads(faces, (0.0, 0.0, -750.0)))
 solution = jc.solve(found, [jc.Phase(pretension=form.tension), snow])
 jc.raise_if_failed(solution)
 for k, phase in enumerate(solution.phases, 1):
-    print(
-        f"phase {k} moves nodes by up to {jnp.linalg.norm(phase.displacement, axis=1).max():.4f} m"
-    )
+    moved = jnp.linalg.norm(phase.displacement_in_phase, axis=1)
+    print(f"phase {k} moves nodes by up to {moved.max():.4f} m")
 print(f"slack cables under snow: {solution.phases[1].path.n_slack[-1]}")
 
 # %%
@@ -154,7 +153,7 @@ def deflection(pair):  # of that node, m, by the tensions along x and along y, N
     form = jc.find_form(structure, jnp.where(along_x, pair[0], pair[1]))
     found = jc.replace(structure, nodes=form.positions)
     solution = jc.solve(found, [jc.Phase(pretension=form.tension), snow])
-    return jnp.linalg.norm(solution.phases[1].displacement[worst])
+    return jnp.linalg.norm(solution.phases[1].displacement_in_phase[worst])
 
 
 rate = jax.jit(jax.grad(deflection))(jnp.array([T, T]))

@@ -104,7 +104,9 @@ start = {"x": jnp.full(n, 30e3), "y": jnp.full(n, 30e3)}
 def show(T):
     values, solutions = look(T)
     jc.raise_if_failed(solutions)
-    for name, u, tension in zip(names, solutions.phases[-1].displacement, solutions.tension):
+    for name, u, tension in zip(
+        names, solutions.phases[-1].displacement_in_phase, solutions.tension
+    ):
         largest = jnp.linalg.norm(u, axis=1).max()
         print(
             f"{name:13s} moves {1e3 * largest:4.1f} mm, "

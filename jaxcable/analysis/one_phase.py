@@ -113,8 +113,7 @@ def run_phase(
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
     restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
-    moved = xs[..., :3] - ramp.start.motion[None, :, :3]
-    path, counts = _make_path(outputs, moved, good, good | ~live)
+    path, counts = _make_path(outputs, xs[..., :3], good, good | ~live)
     motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
@@ -314,7 +313,7 @@ def _make_path(outputs, moved, good, finite):
 
     Args:
         outputs: `ElementOutput.increment_results` of every increment.
-        moved: displacements in the phase, [n_inc, n_row, 3].
+        moved: displacements from the initial nodes, [n_inc, n_row, 3].
         good: which increments have converged, [n_inc]; the counts of others are -1.
         finite: which increments have results, [n_inc]; those of others are NaN.
     """

@@ -118,7 +118,8 @@ def _scan_phases(
     end = entry(ends, jnp.maximum(run.reached.number, 0))
     fresh = copy_with(end, **implicit.with_nan_derivative(result_fields(end), touched))
     last = _nan_results_unless(sound, select_tree(run.reached.number >= 0, end, fresh), touched)
-    ends = _phase_results(ends, *begins, sound & (codes == status.OK), touched)
+    moved_before, memories = begins
+    ends = _phase_results(ends, memories, sound & (codes == status.OK), touched)
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
     known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
@@ -132,7 +133,7 @@ def _scan_phases(
         status=run.code,
         stable=run.stable,
         last=copy_with(_split_bundles(bundles, last), restart=restart),
-        phases=PhaseResults(ends, paths, log, schedule.increments, watched),
+        phases=PhaseResults(ends, moved_before, paths, log, schedule.increments, watched),
         **implicit.nan_unless_probed(sound & (run.code == status.OK), result_fields(end), touched),
     )
     return _split_bundles(bundles, solution), points
@@ -202,18 +203,16 @@ class _LoopState:
     last_output: ElementOutput | None
 
 
-def _phase_results(ends, begins, memories, ok, touched):
+def _phase_results(ends, memories, ok, touched):
     """Return the results of all phases, a `PhaseResult` without path; NaN in phases not `ok`.
 
     Args:
         ends: the `State` at the end of each phase, stacked.
-        begins: displacements at its begin, [n_phase, n_node, 3].
-        memories: history variables there, an item for each group.
+        memories: history variables where each begins, an item for each group.
         ok: whether it and all before it have converged, [n_phase] bool.
         touched: as for `_nan_results_unless`.
     """
-    moved = copy_with(ends, displacement=ends.displacement - begins)
-    results = result_fields(_nan_results_unless(ok, moved, touched))
+    results = result_fields(_nan_results_unless(ok, ends, touched))
     began = None if all(memory is None for memory in memories) else memories
     return PhaseResult(status=None, stable=None, path=None, began=began, **results)
 

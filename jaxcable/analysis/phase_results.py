@@ -19,8 +19,9 @@ class Path(ElementResults):
 
     Attributes:
         load_factor: load factors, [n_inc].
-        displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
+        displacement: from the initial nodes, over all phases, [n_inc, n_node, 3], m; NaN from a
             failure on.
+        displacement_in_phase: from the geometry in which the phase began, likewise.
         tension: axial forces in the shape of `elements`, each [n_inc, n_elem], N; NaN from a
             failure on.
         peak_tension: likewise, as of `Solution`.
@@ -81,6 +82,7 @@ class Path(ElementResults):
     peak_tension: PyTree[Float[Array, "n_inc n_elem"]] = None
     stable: Bool[Array, " n_inc"] | None = None
     motion: Float[Array, "n_inc n_row 7"] | None = None
+    displacement_in_phase: Float[Array, "n_inc n_node 3"] | None = None
     results: dict[str, PyTree[Float[Array, "n_inc n_elem ..."]]] | None = None
 
 
@@ -97,7 +99,8 @@ class PhaseResult(Results):
             tangent unsymmetric, its symmetric part is judged (Hill 1958): True excludes that the
             structure diverges, for all eigenvalues have positive real parts, but not that it
             flutters; False does not prove that it is unstable.
-        displacement: from the geometry in which the phase began, [n_node, 3], m.
+        displacement: from the initial nodes, over all phases so far, [n_node, 3], m.
+        displacement_in_phase: from the geometry in which the phase began, [n_node, 3], m.
         positions, tension, peak_tension, rest_length, reactions, load, rotation,
             reaction_moments, section_forces: as of `Solution`.
         path: `Path`.
@@ -111,7 +114,7 @@ class PhaseResult(Results):
         (0, 0)
         >>> print(f"{prestress.tension[0]:.3f} N, {loading.tension[0]:.3f} N")
         200.000 N, 233.760 N
-        >>> print(f"{1e3 * loading.displacement[3, 2]:.3f} mm")
+        >>> print(f"{1e3 * loading.displacement_in_phase[3, 2]:.3f} mm")
         -12.838 mm
         >>> print(prestress.load[:, 2].sum(), loading.load[:, 2].sum())  # N
         0.0 -60.0
@@ -123,20 +126,7 @@ class PhaseResult(Results):
     path: Path
     began: PyTree[Array] | None = None
     stable: Bool[Array, ""]
-
-    @property
-    def displacement_in_phase(self) -> Float[Array, "n_node 3"]:
-        """Displacements from the geometry in which the phase began, m: the same as `displacement`.
-
-        `Solution.displacement_until` has those from the initial nodes to the end of the phase.
-
-        Example:
-            >>> structure, phases = jc.scenes.flat_net(load=15.0)
-            >>> loading = jc.solve(structure, phases).phases[1]
-            >>> print(loading.status, f"{1e3 * loading.displacement_in_phase[3, 2]:.3f} mm")
-            0 -12.838 mm
-        """
-        return self.displacement
+    displacement_in_phase: Float[Array, "n_node 3"] | None = None
 
 
 LOG_COLUMNS = (
@@ -167,6 +157,8 @@ class PhaseResults(Sequence[PhaseResult]):
     Attributes:
         ends: one `PhaseResult` without path, whose arrays have an axis [n_phase] after those of
             batches.
+        moved_before: displacements from the initial nodes to the geometry in which each phase
+            began, likewise [n_phase, n_node, 3], m.
         paths: one `Path` of all that is not in the log, likewise with axes [n_phase, n_inc]; phases
             with fewer increments are padded.
         log: the numbers `LOG_COLUMNS` of every increment, [n_phase, n_inc, 10].
@@ -183,6 +175,7 @@ class PhaseResults(Sequence[PhaseResult]):
     _shown: ClassVar[str] = "increments"
 
     ends: PhaseResult
+    moved_before: Float[Array, "n_phase n_node 3"]
     paths: Path
     log: Float[Array, "n_phase n_inc 10"]
     increments: tuple[int, ...]
@@ -206,6 +199,18 @@ class PhaseResults(Sequence[PhaseResult]):
             name: self._log_column(name, increments) for name in LOG_COLUMNS if name != "scale"
         }
         noted["stable"] = noted["stable"] if self.watched else None
+        moved_before = self.moved_before
+        end, path = (
+            copy_with(
+                part,
+                displacement_in_phase=apply_numpy_or_jax(
+                    lambda _, there, before, at=at: there - before[at],
+                    part.displacement,
+                    moved_before,
+                ),
+            )
+            for part, at in ((end, (*batch, k)), (path, (*batch, k, None)))
+        )
         path = copy_with(
             path,
             load_factor=apply_numpy_or_jax(

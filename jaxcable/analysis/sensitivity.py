@@ -87,13 +87,13 @@ class MeasuredAnalysis:
         solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
         together = min(x.size, _MAX_DIRECTIONS)
         every = np.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
-        given |= {"moving": moving, "wanted": _float_results_of_ends(solution, self.names)}
+        given |= {"moving": moving, "wanted": _float_results_of_phases(solution, self.names)}
         axes = *(None,) * len(jax.tree.leaves((core, points))), *(0,) * len(moving)
         columns = []
         for k in range(0, x.size, together):
             changes = jax.vmap(push)(every[k : k + together])
-            ends = change_of_solution(core, points, changes, axes=axes, **given)
-            found, column = self._measured(solution, ends)
+            changed = change_of_solution(core, points, changes, axes=axes, **given)
+            found, column = self._measured(solution, changed)
             columns.append(np.asarray(column))
         return found, np.concatenate(columns)[: x.size].T, solution.status
 
@@ -104,12 +104,12 @@ class MeasuredAnalysis:
         directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
         """
         phases = solution.phases
-        floats, back = _take_out_float_results(phases.ends, self.names)
+        floats, back = _take_out_float_results(phases, self.names)
 
         def value(floats):
             # paths have no derivatives (`solve`): those by the ends are NaN, too
             paths = implicit.with_nan_derivative(phases.paths, floats)
-            changed = copy_with(phases, ends=back(floats), paths=paths)
+            changed = copy_with(back(floats), paths=paths)
             whole = copy_with(solution, phases=changed)
             return self.measure(arrange_solution(self.structure, whole, self._task))
 
@@ -122,25 +122,31 @@ def _arguments_of_compiled_analysis(task):
     return task.without_indices, task.arrays, task.method, task.code
 
 
-def _float_results_of_ends(solution, names):
+def _results_by_name(phases, names):
+    """Return the results `names` at the ends of phases, and where the phases began, as a pair."""
+    return {name: getattr(phases.ends, name) for name in names}, phases.moved_before
+
+
+def _float_results_of_phases(solution, names):
     """Return indices of the float arrays `_take_out_float_results` takes, among all leaves."""
     leaves, tree = jax.tree.flatten(solution)
-    ends = tree.unflatten(range(len(leaves))).phases.ends
-    places = jax.tree.leaves({name: getattr(ends, name) for name in names})
+    phases = tree.unflatten(range(len(leaves))).phases
+    places = jax.tree.leaves(_results_by_name(phases, names))
     return tuple(k for k in places if jnp.issubdtype(leaves[k].dtype, jnp.floating))
 
 
-def _take_out_float_results(ends, names):
-    """Return the float arrays among the results `names` of phases' `ends`, as a list.
+def _take_out_float_results(phases, names):
+    """Return the float arrays among the results `names` of `phases`, as a list.
 
-    Returns, too, a function from such a list to results with these arrays in their place.
+    Returns, too, a function from such a list to phases with these arrays in their place.
     """
-    leaves, shape = jax.tree.flatten({name: getattr(ends, name) for name in names})
+    leaves, shape = jax.tree.flatten(_results_by_name(phases, names))
     real = [jnp.issubdtype(jnp.result_type(x), jnp.floating) for x in leaves]
 
     def back(floats):
         floats = iter(floats)
         replaced = [next(floats) if own else x for own, x in zip(real, leaves, strict=True)]
-        return copy_with(ends, **shape.unflatten(replaced))
+        ends, moved_before = shape.unflatten(replaced)
+        return copy_with(phases, ends=copy_with(phases.ends, **ends), moved_before=moved_before)
 
     return [x for own, x in zip(real, leaves, strict=True) if own], back

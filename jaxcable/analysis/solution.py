@@ -137,15 +137,6 @@ class Solution(Results):
     links: tuple[Indices, ...] = ()
     stable: Bool[Array, ""]
 
-    @property
-    def total_displacement(self) -> Float[Array, "n_node 3"]:
-        """Displacements from the initial nodes, over all phases, m: the same as `displacement`.
-
-        Those of a phase are `PhaseResult.displacement_in_phase`; between the two are
-        `displacement_since` and `displacement_until`.
-        """
-        return self.displacement
-
     def displacement_since(self, phase: int) -> Float[Array, "n_node 3"]:
         """Return the displacements from the geometry in which a phase began, to the end, m.
 
@@ -153,37 +144,18 @@ class Solution(Results):
             phase: number of the phase, from 0; negative numbers count from the end.
 
         Returns:
-            [n_node, 3], NaN if the analysis has failed; to the rounding of positions. Since phase 0
-            of an analysis with ``start`` these are the displacements without those of the earlier
-            analysis. Where later phases put new nodes into place (``placed="attached"``), this
-            counts as a displacement.
+            [n_node, 3], NaN if the analysis has failed. Since phase 0 of an analysis with ``start``
+            these are the displacements without those of the earlier analysis. Where later phases
+            put new nodes into place (``placed="attached"``), this counts as a displacement.
 
         Example:
             >>> structure, phases = jc.scenes.flat_net(load=15.0)
             >>> solution = jc.solve(structure, [*phases, jc.Phase(shortening=1e-4)])
-            >>> for moved in (solution.total_displacement, solution.displacement_since(2)):
+            >>> for moved in (solution.displacement, solution.displacement_since(2)):
             ...     print(solution.status, f"{1e3 * moved[3, 2]:.3f} mm")
             0 -11.845 mm
             0 0.993 mm
         """
-        of_phase = self.phases[phase]
-        parts = self.positions, of_phase.positions, of_phase.displacement
-        return apply_numpy_or_jax(lambda _, end, there, moved: end - (there - moved), *parts)
-
-    def displacement_until(self, phase: int) -> Float[Array, "n_node 3"]:
-        """Return the displacements from the initial nodes to the end of a phase, m.
-
-        Args:
-            phase: number of the phase, from 0; negative numbers count from the end.
-
-        Returns:
-            [n_node, 3], NaN if that phase has not converged; to the rounding of positions.
-
-        Example:
-            >>> structure, phases = jc.scenes.flat_net(load=15.0)
-            >>> solution = jc.solve(structure, [*phases, jc.Phase(shortening=1e-4)])
-            >>> print(solution.status, f"{1e3 * solution.displacement_until(1)[3, 2]:.3f} mm")
-            0 -12.838 mm
-        """
-        parts = self.phases[phase].positions, self.last.positions, self.last.displacement
-        return apply_numpy_or_jax(lambda _, end, there, moved: end - (there - moved), *parts)
+        at = ..., range(len(self.phases))[phase], slice(None), slice(None)
+        ends = self.displacement, self.phases.moved_before
+        return apply_numpy_or_jax(lambda _, there, before: there - before[at], *ends)

@@ -154,9 +154,7 @@ def _acting_loads(system, motion):
     return load
 
 
-def without_extra_rows(
-    structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)
-) -> Part:
+def without_extra_rows(structure: Structure, part: Part, per_node: Sequence[str]) -> Part:
     """Cut rows of motion that are no nodes (hinged ends, inner unknowns) from results.
 
     Args:

@@ -49,7 +49,7 @@ def run(options: Namespace) -> None:
     status.raise_if_failed(solution)
 
     columns = {name: np.array(values) for name, values in hypar.PUBLISHED.items()}
-    computed = -1e3 * np.asarray(solution.phases[1].displacement)[free, 2]
+    computed = -1e3 * np.asarray(solution.phases[1].displacement_in_phase)[free, 2]
     names = list(columns)
     print("\nDeflection in phase 2 (mm)")
     print("  " + "  ".join(f"[{k}] {name}" for k, name in enumerate(names[:4], 1)))

@@ -249,7 +249,7 @@ def _describe_limits(solution, options, units):
 
     Numbers are in `units`.
     """
-    reached, where = inputs.largest_displacement(solution.phases[-1].displacement, units)
+    reached, where = inputs.largest_displacement(solution.phases[-1].displacement_in_phase, units)
     if options.deflection is None:
         lines = [f"largest displacement of the last phase {where}"]
     else:
@@ -276,7 +276,7 @@ def _zero_rounding_errors(pretension, start):
 
 def _describe_movement(solution, number, units):
     """Return a line on how far phase `number`, which has the pretension, moves the drawn form."""
-    moved = solution.phases[number].displacement
+    moved = solution.phases[number].displacement_in_phase
     _, where = inputs.largest_displacement(moved, units)
     return f"the pretension moves the form in phase {number + 1} by up to {where}"
 

@@ -152,13 +152,14 @@ def describe_largest_values(solution: Solution, units: Units | None = None) -> l
     if int(solution.status) != status.OK:
         return []
     last = len(solution.phases)
-    parts: dict[str, Any] = {"from the start": solution}
+    parts: dict[str, Any] = {"from the start": solution.displacement}
     if last > 1:
         total = f"from the start (phases 1 to {last})"
-        parts = {f"in phase {last} alone": solution.phases[-1], total: solution}
+        alone = solution.phases[-1].displacement_in_phase
+        parts = {f"in phase {last} alone": alone, total: solution.displacement}
     moved = [
-        f"largest displacement {name}: {inputs.largest_displacement(part.displacement, units)[1]}"
-        for name, part in parts.items()
+        f"largest displacement {name}: {inputs.largest_displacement(moved, units)[1]}"
+        for name, moved in parts.items()
     ]
     forces = range_text(solution.peak_tension, "N", units)
     return [*moved, f"final axial forces: {forces}"]

@@ -200,11 +200,14 @@ def largest_deflection(
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> solution = jc.solve(structure, phases)
         >>> bound = jc.design.largest_deflection(solution, width=1e-3)
-        >>> largest = jnp.linalg.norm(solution.displacement, axis=1).max()
+        >>> largest = jnp.linalg.norm(solution.phases[1].displacement_in_phase, axis=1).max()
         >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
         0 12.84 mm, at most 12.89 mm
     """
-    moved, width = result_of_phase(solution, phase).displacement, checked_smoothing_width(width)
+    moved, width = (
+        result_of_phase(solution, phase).displacement_in_phase,
+        checked_smoothing_width(width),
+    )
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 

@@ -23,8 +23,10 @@ Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[Arra
 Index: TypeAlias = "Part | tuple[Part, ...]"
 """Index of an array: an integer, a slice, integers or booleans, or a tuple of these."""
 
+_IN_PHASE = "displacement_in_phase"
+
 WITHIN = {
-    **dict.fromkeys(("positions", "displacement", "rest_length"), 1e-3),
+    **dict.fromkeys(("positions", "displacement", _IN_PHASE, "rest_length"), 1e-3),
     **dict.fromkeys(("tension", "peak_tension", "reactions", "load"), 1.0),
     **dict.fromkeys(("section_forces", "reaction_moments"), 1.0),
     "rotation": 0.5e-3,
@@ -40,9 +42,9 @@ class Target:
     """A wanted value, with tolerance, for a result of a phase: what `tune` is to achieve.
 
     Args:
-        of: name of a result of a phase: "positions", "displacement", "tension", "reactions",
-            "section_forces" and so on; or a function of the result of the phase,
-            `results.PhaseResult`, to an array.
+        of: name of a result of a phase: "positions", "displacement" (from the start),
+            "displacement_in_phase", "tension", "reactions", "section_forces" and so on; or a
+            function of the result of the phase, `results.PhaseResult`, to an array.
         value: wanted value, a number or an array, m, N or N m.
         at: index into the result, as into a NumPy array: ``[4, 5, 10]`` are elements 4, 5 and 10,
             ``(slice(1, 9), 2)`` or ``np.s_[1:9, 2]`` the z of nodes 1 to 8. Default all.
@@ -50,8 +52,8 @@ class Target:
         phase: number of the phase, from 0, or from the end as -1, the default.
         within: tolerance of the deviation, in the unit of the result; targets that cannot all be
             met are weighted by its inverse. Default by the kind of the result: 1e-3 m for lengths
-            ("positions", "displacement", "rest_length"), 1 N for forces ("tension",
-            "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces", 1 N m for
+            ("positions", "displacement", "displacement_in_phase", "rest_length"), 1 N for forces
+            ("tension", "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces", 1 N m for
             "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is 1e-3 rad. The
             unit of a function, or of results of your own elements, is not known: the default is 1
             of it, which may be a whole metre.
@@ -116,12 +118,12 @@ class Target:
         name = "of" if callable(self.of) else f"of = {self.of!r}"
         if callable(self.of):
             found = self.of(result)
-        elif self.of in RESULT_NAMES:
+        elif self.of in (*RESULT_NAMES, _IN_PHASE):
             found = getattr(result, self.of)
         else:
             found = result.element_results.get(self.of)
             if found is None:
-                known = [one for one in RESULT_NAMES if one != "results"]
+                known = [*(one for one in RESULT_NAMES if one != "results"), _IN_PHASE]
                 there = checks.suggest_names(
                     self.of, dict.fromkeys([*known, *result.element_results])
                 )
@@ -184,7 +186,7 @@ def result_names_for_targets(targets: Sequence[Target]) -> tuple[str, ...]:
     If all targets are of common results (positions, tensions ...) it is always the same tuple, so
     that they share one compiled program; otherwise it has all results.
     """
-    usual = all(target.of in _COMMON for target in targets)
+    usual = all(target.of in (*_COMMON, _IN_PHASE) for target in targets)
     return _COMMON if usual else (*RESULT_NAMES, "began")
 
 

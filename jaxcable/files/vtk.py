@@ -45,7 +45,7 @@ def save_vtk(
         structure: `Structure` that was analysed.
         solution: its `Solution`; if it has failed, the last converged state is written.
         increments: True to write a file for every converged increment, ``name-0001.vtk`` and so on,
-            which ParaView opens as a series; ``displacement`` is then since the phase began.
+            which ParaView opens as a series.
 
     Options:
         units: units of all numbers, such as "kN, m" (see `Units`); names of arrays then end with
@@ -92,14 +92,11 @@ def _write_increments(path, structure, solution, open_file, units):
 
     Numbers are in `units`, None for SI.
     """
-    done = []
+    done, nodes = [], np.asarray(solution.last.positions - solution.last.displacement)
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
         if not len(good):
             break
-        begin = np.asarray(phase.positions) - np.asarray(phase.displacement)
-        if int(phase.status) != 0:  # the last state of the solution is its last good increment
-            begin = np.asarray(solution.last.positions - phase.path.displacement[good[-1]])
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
@@ -110,7 +107,7 @@ def _write_increments(path, structure, solution, open_file, units):
             scalars = result_columns(structure.groups, told)
             moves = [ResultColumn("displacement", "m", [moved])]
             stream = open_file(done[-1])
-            _write_unstructured_grid(stream, structure, begin + moved, moves, scalars, units)
+            _write_unstructured_grid(stream, structure, nodes + moved, moves, scalars, units)
     return done
 
 

@@ -24,7 +24,8 @@ from .spins import warn_of_free_spins as warn_of_spins
 from .supports import FixedDofs, Supports
 
 _RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
-    *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
+    *("displacement", "displacement_in_phase", "positions", "reactions", "load", "rotation"),
+    "reaction_moments",
     *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
     "present",
 )

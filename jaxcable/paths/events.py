@@ -46,8 +46,8 @@ class Events:
         load_factor: load factor of the event, [n]; differentiable at smooth limit points.
         lower, upper: load factors of the points before and after the event, in this order, [n].
         row: index of the point of the path that follows the event, [n] int.
-        displacement: displacements of the nodes at the event, from the geometry in which the phase
-            began, [n, n_node, 3], m.
+        displacement: displacements of the nodes at the event, from the initial nodes,
+            [n, n_node, 3], m.
         mode: null vector of the tangent at limit points and bifurcations as displacements, the
             largest of a node 1, [n, n_node, 3]; where stiffness jumps below zero (a corner of a
             law) the softest mode; NaN at other events.

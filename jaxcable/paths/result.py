@@ -21,7 +21,8 @@ class TracedPath(Path):
     their full length, with NaN in floats and -1 in counts behind the last point and event.
 
     Attributes:
-        load_factor, displacement, tension, peak_tension: as in a `Path`, one entry per point.
+        load_factor, displacement, displacement_in_phase, tension, peak_tension: as in a `Path`, one
+            entry per point.
         residual, relative_residual, rounding: as in a `Path`, one entry per point.
         n_slack, n_loose, strain: as in a `Path`, one entry per point.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or

@@ -34,6 +34,8 @@ from .negative_eigenvalues import load_mode_alignment
 from .path_state import PathSettings
 from .result import TracedPath
 
+_MOVES = "displacement", "displacement_in_phase"
+
 
 def trace_path(
     structure: Structure,
@@ -139,7 +141,7 @@ def trace_path(
         *core, capacity=(int(steps), int(events)), bundles=task.bundles
     )
     path = map_element_fields(
-        fill_peak_tensions(without_extra_rows(structure, path)), structure.arrange
+        fill_peak_tensions(without_extra_rows(structure, path, _MOVES)), structure.arrange
     )
     happened = without_extra_rows(structure, path.events, ("displacement", "mode"))
     happened = copy_with(happened, elements=structure.arrange(happened.elements))
@@ -190,12 +192,13 @@ def _trace_compiled(without_indices, index_arrays, method, settings, code, capac
         event_records.pop(name) for name in ("point", "null", "load_factor", "elements")
     )
     between = {name: event_records.pop(name) for name in ("lower", "upper", "row")}
-    between["displacement"] = jax.vmap(lambda p: (p.x - ramp.start.motion)[:, :3])(point)
+    between["displacement"] = point.x[..., :3]
     modes = {"mode": jax.vmap(lambda p: _mode_shape(ramp, p))(point)}
     modes["alignment"] = jax.vmap(load_mode_alignment)(point)
     critical = (event_records["kind"] == LIMIT_POINT) | (event_records["kind"] == BIFURCATION)
     known = _nan_where_unreached(between, happened) | _nan_where_unreached(modes, critical)
     path = TracedPath(
+        displacement_in_phase=rows["displacement"] - ramp.start.motion[None, :, :3],
         status=final.code,
         factorizations=None,
         equilibrated=None,

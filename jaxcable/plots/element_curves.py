@@ -152,16 +152,14 @@ class SolutionCurves:
         """
         if any(isinstance(group, Bending) for group in self.groups):
             return np.asarray(self.structure.nodes, float)
-        return self.positions_before
+        return self.nodes + np.asarray(self.solution.phases.moved_before[0])
 
     @functools.cached_property
-    def positions_before(self) -> Float[np.ndarray, "n_node 3"]:
-        """Positions of the nodes before the first phase of the solution, [n_node, 3], m."""
-        for part in (self.solution.phases[0], self.solution.last):
-            begin = np.asarray(part.positions) - np.asarray(part.displacement)
-            if np.isfinite(begin).all():
-                break
-        return begin
+    def nodes(self) -> Float[np.ndarray, "n_node 3"]:
+        """Initial nodes of the analysis, [n_node, 3], m."""
+        return np.asarray(self.solution.last.positions) - np.asarray(
+            self.solution.last.displacement
+        )
 
     def state_after_phase(self, phase: int) -> State:
         """Return the `State` at the end of a phase, with what pictures need of it.

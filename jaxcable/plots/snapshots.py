@@ -209,9 +209,8 @@ class Snapshots:
         for j in chosen.tolist():
             phase, number = good[j]
             path = jax.tree.map(lambda x, n=number: x[n], paths[phase])
-            displacement, element_results = path.displacement, path.element_results
-            begin = phases[phase - 1].positions if phase > 0 else self._curves.positions_before
-            displacement = np.asarray(begin) - self._curves.initial_positions + displacement
+            element_results = path.element_results
+            displacement = self._curves.nodes - self._curves.initial_positions + path.displacement
             end: PhaseResult | State | None = None
             if j in last:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]

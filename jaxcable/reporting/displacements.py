@@ -94,7 +94,7 @@ def tables_since(
 
     def geometry(analysis):
         phase = analysis.phases[begin]
-        return np.asarray(phase.positions, float) - np.asarray(phase.displacement, float)
+        return np.asarray(phase.positions, float) - np.asarray(phase.displacement_in_phase, float)
 
     if cases is None:
         kept = dict(list(states.items())[begin:])
@@ -169,7 +169,7 @@ def _displacement_sizes_within_phases(solution, names):
     """
     good = [phase for phase in solution.phases if int(phase.status) == status.OK]
     assert len(good) == len(names)
-    return np.array([np.linalg.norm(np.asarray(p.displacement), axis=1) for p in good])
+    return np.array([np.linalg.norm(np.asarray(p.displacement_in_phase), axis=1) for p in good])
 
 
 def _displacement_envelope_columns(nodes, names, moved, sizes):

@@ -76,7 +76,6 @@ def _work_terms_of_phase(ramp, codes, path):
     """
     begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
-    path = path if space.stored_motion(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc

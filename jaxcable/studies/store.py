@@ -33,7 +33,7 @@ DESCRIPTION = "jaxcable_study"
 
 _UNITS = {  # of results of an analysis, where a study does not state others
     **dict.fromkeys(("tension", "peak_tension", "reactions"), "N"),
-    **dict.fromkeys(("displacement", "positions", "rest_length"), "m"),
+    **dict.fromkeys(("displacement", "displacement_in_phase", "positions", "rest_length"), "m"),
     "reaction_moments": "N m",
 }
 

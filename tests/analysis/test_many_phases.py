@@ -132,7 +132,7 @@ def test_results_of_phases_are_a_sequence():
     @traced
     def whole_and_half_way(factor):
         solution = load(factor)
-        return solution, solution.phases[1].path.displacement[-1, 3, 2]
+        return solution, solution.phases[1].path.displacement_in_phase[-1, 3, 2]
 
     batch = traced(jax.vmap(load))(jnp.array([5.0, 10.0]))
     alone, inside = whole_and_half_way(10.0)

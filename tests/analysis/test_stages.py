@@ -80,7 +80,7 @@ def test_a_chain_grows_downwards(placed):
         for j in range(k + 1):
             at[j + 1] = at[j] - rest[j] * (1 + (k - j + 1) * push / stiffness)
         # every phase is seen from where it begins, with the new node in its place
-        moved = solution.phases[k].displacement[k + 1, 2]
+        moved = solution.phases[k].displacement_in_phase[k + 1, 2]
         assert float(moved) == pytest.approx(at[k + 1] - start, abs=1e-13)
     np.testing.assert_allclose(solution.positions[:, 2], at, atol=1e-13)
     np.testing.assert_allclose(solution.rest_length, rest, atol=1e-13)

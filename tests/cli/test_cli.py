@@ -76,7 +76,7 @@ def scene(tmp_path, monkeypatch):
 
 def largest(solution):
     """The largest displacement of the last phase, m."""
-    return float(np.linalg.norm(solution.phases[-1].displacement, axis=1).max())
+    return float(np.linalg.norm(solution.phases[-1].displacement_in_phase, axis=1).max())
 
 
 # --- solve

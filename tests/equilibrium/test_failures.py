@@ -111,7 +111,7 @@ def test_drift_of_the_incremental_scheme():
     error = np.abs(np.asarray(drifted.displacement - plain.displacement)).max()
     assert 1e-6 < error < 1e-2  # of 34 mm
     ratios, links = [], STRUCTURE.elements.links.array
-    for k, displacement in enumerate(np.asarray(drifted.phases[1].path.displacement), 1):
+    for k, displacement in enumerate(np.asarray(drifted.phases[1].path.displacement_in_phase), 1):
         load = np.zeros((12, 3))
         load[FREE] = LOAD * k / 4
         positions = np.asarray(STRUCTURE.nodes) + displacement

@@ -46,10 +46,13 @@ def test_hypar_net_finds_its_form_and_deflects_as_computed():
     assert start > 0.03  # the plan really was disturbed
     assert np.abs(np.asarray(first.positions) - ref["nodes_m"]).max() < 1e-10
     assert np.allclose(first.tension, 200.0, rtol=1e-12)  # held while jacked, kept when anchored
-    deflection = -1e3 * np.asarray(second.displacement)[free, 2]
+    deflection = -1e3 * np.asarray(second.displacement_in_phase)[free, 2]
     assert np.abs(deflection - ref["computed_deflection_mm"]).max() < 1e-3  # 1e-6 m
     assert np.abs(np.asarray(solution.tension) - ref["computed_tension_N"]).max() < 1e-6
     assert np.array_equal(second.path.displacement[-1], second.displacement)
+    np.testing.assert_array_equal(
+        second.path.displacement_in_phase[-1], second.displacement_in_phase
+    )
     # checked once more by lengths alone, apart from the package
     out, _ = unbalanced(
         np.asarray(structure.nodes),
@@ -84,7 +87,7 @@ def test_accuracy_cable_matches_the_closed_form(n_elements):
     solution = jc.solve(*jc.scenes.accuracy_cable(n_elements))
     jc.raise_if_failed(solution)
     assert_balanced(solution)
-    moved = 1e3 * np.asarray(solution.phases[1].displacement)[:: n_elements // 5]
+    moved = 1e3 * np.asarray(solution.phases[1].displacement_in_phase)[:: n_elements // 5]
     for node in (2, 3):
         # 1e-9 m; the reference has 8 decimals of a millimetre
         assert abs(moved[node - 1, 2] - exact[f"vertical_node_{node}"]) < 1e-6

@@ -95,7 +95,7 @@ def test_a_released_structure_keeps_the_rounding_of_its_start():
 def test_rounding_of_the_incremental_scheme_is_that_of_its_states():
     """A state has it, whatever led there: 8 eps u with the u of the scheme, which drifts."""
     solution = solve_to_sinks(SINK, jc.Incremental(corrections=1))
-    sinks = np.cumsum([-float(phase.displacement[1, 2]) for phase in solution.phases])
+    sinks = np.array([-float(phase.displacement[1, 2]) for phase in solution.phases])
     residual, _, rounding = np.concatenate(
         [residuals_of(p.path) for p in solution.phases[1:]], axis=1
     )

@@ -51,7 +51,7 @@ def test_moved_supports_stretch_the_links():
         force = EA * (length - REST) / REST
         assert np.abs(np.asarray(phase.tension) - force).max() < 1e-9 * force
     # half of the movement after the first of two increments
-    path = np.asarray(solution.phases[1].path.displacement)
+    path = np.asarray(solution.phases[1].path.displacement_in_phase)
     assert np.abs(path[0, [0, 2]] - 0.5 * MOVE).max() < 1e-15
     problems.assert_balanced(solution)
 

@@ -83,7 +83,7 @@ def test_a_phase_equals_a_chain_of_phases_with_the_same_levels(make, pull, loads
         added = [load.scaled(step[k]) for load, step in zip(loads, steps, strict=False)]
         chain.append(jc.Phase(loads=[steady.scaled(1 / count), *added]))
     many = converged(jc.solve(structure, chain, TIGHT))
-    path = np.asarray(one.phases[1].path.displacement)
+    path = np.asarray(one.phases[1].path.displacement_in_phase)
     begin = np.asarray(one.phases[0].displacement)
     for k, phase in enumerate(many.phases[1:]):
         at = np.asarray(phase.positions) - structure.nodes
@@ -159,7 +159,7 @@ def on_the_way(numbers):
     tight = jc.Phase(prestrain=0.02, loads=jc.SelfWeight())
     phases = [tight, jc.Phase(loads=load, increments=5)]
     solution = jc.solve(hub(), phases, TIGHT, differentiate_path=True)
-    return jnp.sum(solution.phases[1].path.displacement[:, 4, 2] ** 2), solution.status
+    return jnp.sum(solution.phases[1].path.displacement_in_phase[:, 4, 2] ** 2), solution.status
 
 
 NUMBERS = np.array([0.5, 0.02, 0.15, 0.06])
@@ -217,7 +217,7 @@ def test_a_small_load_that_comes_and_goes():
     load = jc.Varying(jc.NodalLoads([1], (0.0, 0.0, 0.1)), points, [0.0, 1e-9, 1.0, 1e-9, 0.0])
     phases = [jc.Phase(pretension=1e6), jc.Phase(loads=load, increments=4)]
     solution = converged(jc.solve(structure, phases))
-    moved = np.asarray(solution.phases[1].path.displacement)[:, 1, 2]
+    moved = np.asarray(solution.phases[1].path.displacement_in_phase)[:, 1, 2]
     # stiffness 2 N / l; a residual of 50 tol of the largest load is allowed
     assert moved == pytest.approx(0.1 * np.array([1e-9, 1.0, 1e-9, 0.0]) / 2e6, abs=5e-9 * 5e-8)
 

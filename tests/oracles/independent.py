@@ -102,8 +102,8 @@ def verdict(structure, phases, solution, tol=None):
                 np.add.at(held, one.nodes.array, step)
             else:
                 raise NotImplementedError(type(one).__name__)
-        _remember(parts, nodes, begun, result.path)
-        begun = begun + _wide(result.displacement)
+        _remember(parts, nodes, result.path)
+        begun = _wide(result.displacement)
 
     wrong = []
     force, rounding = np.zeros_like(nodes), np.zeros_like(nodes)
@@ -210,11 +210,9 @@ def _loads(phase):
 
 def _largest_moves(solution, n_node):
     """Largest displacement component that a node ever had, [n_node], m."""
-    largest, begun = np.zeros(n_node, WIDE), np.zeros((n_node, 3), WIDE)
+    largest = np.zeros(n_node, WIDE)
     for phase in solution.phases:
-        places = begun + _wide(phase.path.displacement)
-        largest = np.maximum(largest, np.abs(places).max((0, 2)))
-        begun = places[-1]
+        largest = np.maximum(largest, np.abs(_wide(phase.path.displacement)).max((0, 2)))
     return largest
 
 
@@ -304,9 +302,9 @@ def _end_forces(part, nodes, moved, line):
     return ends, tension, stiffness, inner
 
 
-def _remember(parts, nodes, begun, path):
-    """Plastic strains after the increments of a phase that began with the motion `begun`."""
+def _remember(parts, nodes, path):
+    """Plastic strains after the increments of a phase."""
     for part in parts:
         if part.law.memory is not None:
-            for step in _wide(path.displacement):
-                part.law.commit_memory(_strain(part, nodes, begun + step))
+            for moved in _wide(path.displacement):
+                part.law.commit_memory(_strain(part, nodes, moved))

@@ -183,7 +183,7 @@ def test_legend_and_color_bar_of_a_net(pictures, runs):
     # the deflection is magnified, that of the first phase is not
     drawn = next(c for c in space.collections if c.get_array() is not None)
     ends = np.concatenate([np.asarray(s) for s in drawn._segments3d])
-    assert np.isclose(ends[:, 2].min(), 3 * runs.taut.phases[1].displacement[:, 2].min())
+    assert np.isclose(ends[:, 2].min(), 3 * runs.taut.phases[1].displacement_in_phase[:, 2].min())
 
 
 @pytest.mark.slow

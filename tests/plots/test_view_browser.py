@@ -96,7 +96,7 @@ def test_a_node_tells_its_numbers(page, net):
     assert name == f"Node {loaded}"
     place = np.asarray(solution.positions)[loaded]
     np.testing.assert_allclose(found["x, y, z"], place, atol=1e-4)
-    moved = np.asarray(solution.phases[1].displacement)[loaded]
+    moved = np.asarray(solution.phases[1].displacement_in_phase)[loaded]
     np.testing.assert_allclose(found["displacement in this phase"], moved, rtol=1e-3, atol=1e-8)
     np.testing.assert_allclose(found["load"], np.asarray(solution.load)[loaded], rtol=1e-4)
     held = int(np.abs(np.asarray(solution.reactions)[:, 2]).argmax())
@@ -124,12 +124,12 @@ def test_the_slider_goes_through_phases(page, net):
 @pytest.mark.slow
 def test_exaggerated_displacements(page, net):
     solution = net[0]
-    free = int(np.abs(np.asarray(solution.phases[1].displacement)[:, 2]).argmax())
+    free = int(np.abs(np.asarray(solution.phases[1].displacement_in_phase)[:, 2]).argmax())
     height = f"view.shown.nodes[{3 * free + 2}]"
     once = page.evaluate(height)
     choose(page, "magnify", 50)
     assert page.locator("#magnify-value").inner_text() == "10"
-    moved = float(solution.phases[1].displacement[free, 2])
+    moved = float(solution.phases[1].displacement_in_phase[free, 2])
     assert page.evaluate(height) - once == pytest.approx(9 * moved, rel=1e-3)
 
 

@@ -347,7 +347,7 @@ def test_displacements_of_every_phase_and_their_envelope(net):
     last = np.asarray(solution.displacement)[1]
     assert table.rows[1][2:5] == last.tolist()
     assert table.rows[1][5] == pytest.approx(np.linalg.norm(last), rel=1e-15)
-    own = np.linalg.norm(np.asarray(solution.phases[1].displacement)[1])
+    own = np.linalg.norm(np.asarray(solution.phases[1].displacement_in_phase)[1])
     assert table.rows[1][6] == pytest.approx(own, rel=1e-15)
     found = dict(zip(envelope.columns, envelope.rows[0], strict=True))
     assert found["min uz"] == last[2] and found["max u"] == table.rows[1][5]

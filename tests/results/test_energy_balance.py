@@ -150,7 +150,7 @@ def test_weight_that_slides_works_where_it_goes():
     a, later = (-float(phase.positions[0, 2]) for phase in solution.phases)
     assert later - a > 0.3
     places = -np.concatenate(
-        [[a], np.asarray(solution.phases[1].path.displacement)[:, 0, 2] * -1 + a]
+        [[a], np.asarray(solution.phases[1].path.displacement_in_phase)[:, 0, 2] * -1 + a]
     )
     loads = 300.0 + 900.0 * np.arange(5) / 4
     pulled = 0.5 * ((loads[1:] + loads[:-1]) * -np.diff(places)).sum()
