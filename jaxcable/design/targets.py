@@ -53,10 +53,10 @@ class Target:
         within: tolerance of the deviation, in the unit of the result; targets that cannot all be
             met are weighted by its inverse. Default by the kind of the result: 1e-3 m for lengths
             ("positions", "displacement", "displacement_in_phase", "rest_length"), 1 N for forces
-            ("tension", "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces", 1 N m for
-            "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is 1e-3 rad. The
-            unit of a function, or of results of your own elements, is not known: the default is 1
-            of it, which may be a whole metre.
+            ("tension", "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces",
+            1 N m for "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is
+            1e-3 rad. The unit of a function, or of results of your own elements, is not known: the
+            default is 1 of it, which may be a whole metre.
 
     Raises:
         ValueError: `within` is not positive, `phase` is no integer, the value is not finite, `at`

@@ -83,7 +83,7 @@ def verdict(structure, phases, solution, tol=None):
     fixed = structure.supports.fixed(len(nodes))[:, :3]
     load, factor_of_weight = np.zeros_like(nodes), np.zeros(3, WIDE)
     held = np.zeros_like(nodes)
-    largest, begun = _largest_moves(solution, len(nodes)), np.zeros_like(nodes)
+    largest = _largest_moves(solution, len(nodes))
     for phase, result in zip(phases, solution.phases, strict=True):
         if phase.supports is not None:
             now = phase.supports.fixed(len(nodes))[:, :3]
@@ -103,7 +103,6 @@ def verdict(structure, phases, solution, tol=None):
             else:
                 raise NotImplementedError(type(one).__name__)
         _remember(parts, nodes, result.path)
-        begun = _wide(result.displacement)
 
     wrong = []
     force, rounding = np.zeros_like(nodes), np.zeros_like(nodes)
