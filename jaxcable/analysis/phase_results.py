@@ -92,10 +92,12 @@ class PhaseResult(Results):
 
     Attributes:
         status: code at the end of the phase.
-        stable: whether the tangent stiffness at the end of the phase has no negative eigenvalue (to
-            rounding): a structure that is pushed aside a little comes back. In cable nets under
-            dead load it is True without a check, because their energy is convex. False where the
-            phase has not been reached. Where nodal moments, following loads or elements make the
+        stable: whether the tangent stiffness at the end of the phase is positive definite (to
+            rounding): a structure that is pushed aside a little comes back. False for one that
+            turns or moves freely, too; nodes that only slack elements hold do not count, nor do
+            straight lines of beams that spin about themselves. In cable nets under dead load it is
+            True without a check, because their energy is convex. False where the phase has not been
+            reached. Where nodal moments, following loads or elements make the
             tangent unsymmetric, its symmetric part is judged (Hill 1958): True excludes that the
             structure diverges, for all eigenvalues have positive real parts, but not that it
             flutters; False does not prove that it is unstable.

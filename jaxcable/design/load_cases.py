@@ -130,7 +130,7 @@ def _warn_of_unstable_cases(solutions, names):
         more = f" and {len(found) - 5} more" if len(found) > 5 else ""
         checks.warn_user(
             f"{shown}{more}: end in an unstable equilibrium, in which the structure will not stay: "
-            "the tangent stiffness has a negative eigenvalue",
+            "the tangent stiffness has an eigenvalue below zero, or of zero",
             checks.UnstableWarning,
         )
 

@@ -33,7 +33,7 @@ class IncrementOutcome:
         rounding: largest residual that the rounding of displacements leaves at a free degree of
             freedom, N; 0 if no element states any (`abilities.Rounding`).
         equilibrated: whether the increment was iterated to equilibrium.
-        stable: whether the tangent at x is known to have no negative eigenvalue.
+        stable: whether the tangent at x is known to be positive definite.
     """
 
     x: Float[Array, "n_row n_motion"]

@@ -18,7 +18,7 @@ from ..numerics.line_search import LineSearch
 from .convergence import AddedLoadCriterion, IterationSettings, is_stagnant, residual_tolerance
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
-from .newton_step import max_abs, newton_direction
+from .newton_step import max_abs, newton_direction, with_loose_nodes_held
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces
 from .step_matrix import step_matrix
@@ -342,6 +342,10 @@ class EquilibriumSearch:
                     rhs = equations.rhs
                     is_full = is_full | unknowns.takes_interior_or_finishing_steps
             matrix = linear.add_to_diagonal(matrix, shift)
+            if not self.is_net:
+                matrix = cond_in_batch(
+                    converged, lambda m: with_loose_nodes_held(self.system, m, state.x), matrix
+                )
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays = jnp.zeros((), bool), converged

@@ -58,7 +58,7 @@ from ..spaces.translations import drop_low_part
 from .convergence import AddedLoadCriterion, IterationSettings, residual_tolerance
 from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
-from .newton_step import CG_LIMIT, max_abs, zero_eigenvalue_bound
+from .newton_step import CG_LIMIT, max_abs, with_loose_nodes_held, zero_eigenvalue_bound
 
 
 @pytree(static=("linear_solver", "watch"))
@@ -226,13 +226,12 @@ def _iterate_until_done(
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:
-    """Return whether the tangent at motion `x` has no negative eigenvalue, scalar bool."""
+    """Return whether the tangent at motion `x` is positive definite, scalar bool: `stable`."""
     if system.always_convex:
         return jnp.ones((), bool)
     matrix = system.tangent(x)
-    return system.convex | linear.is_definite(
-        linear.add_to_diagonal(matrix, zero_eigenvalue_bound(matrix))
-    )
+    shifted = linear.add_to_diagonal(matrix, -zero_eigenvalue_bound(matrix))
+    return system.convex | linear.is_definite(with_loose_nodes_held(system, shifted, x))
 
 
 def solve_increments(

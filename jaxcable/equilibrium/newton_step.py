@@ -70,6 +70,17 @@ def newton_direction(
     return step, definite, factored
 
 
+def with_loose_nodes_held(
+    system: System, matrix: Matrix, x: Float[Array, "n_row n_motion"]
+) -> Matrix:
+    """Return a tangent at motion `x` with the unknowns of loose nodes held.
+
+    What only slack elements hold has no stiffness, and says nothing of the stability of the rest.
+    """
+    loose = system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown]
+    return linear.hold_unknowns(matrix, loose)
+
+
 @jax.jit  # one function in a program
 def max_abs(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
     """Return the largest absolute value of an array; 0 without unknowns."""

@@ -60,7 +60,7 @@ def step_matrix(
         is_full: whether the step is one of the full steps with which an iteration may begin, which
             have no predicted forces.
         converged: whether the point is an equilibrium. The matrix is then the tangent itself, with
-            a shift for rounding only, so that it tells whether the equilibrium is stable.
+            a shift down by rounding only, so that it tells whether the equilibrium is stable.
     """
     tangents, chords = state.elements
     size, predicting, slopes, cables = max_abs(state.residual), None, None, None
@@ -86,7 +86,7 @@ def step_matrix(
         shift = jnp.where(is_full, 0.0, shift)
     if partial_net is not None or not system.always_convex:
         least = zero_eigenvalue_bound(matrix)
-        shift = jnp.where(converged, least, shift)
+        shift = jnp.where(converged, -least, shift)
     if partial_net is not None:
         damping = jnp.maximum(cables.unknowns.interior_point.damping, least)
         shift = jnp.where(unknowns.uses_interior_point, damping, shift)

@@ -95,7 +95,7 @@ def hold_unknowns(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
     Their diagonal entries become the largest one of the matrix, so that it stays regular and its
     scale does not change.
     """
-    stiffness = jnp.max(jnp.abs(diagonal(matrix)))
+    stiffness = jnp.max(jnp.abs(diagonal(matrix)), initial=0.0)
     if isinstance(matrix, SparseMatrix):
         return matrix.hold_unknowns(held, stiffness)
     touched = held[:, None] | held[None, :]

@@ -73,9 +73,10 @@ def warn_if_unstable(solution: Any) -> None:
     for number, (code, stable) in enumerate(zip(codes, each_stable, strict=True)):
         if int(code) == status.OK and not bool(stable):
             checks.warn_user(
-                f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: its "
-                "tangent stiffness has a negative eigenvalue, and the structure will not stay "
-                "there; trace_path shows the load factor at which it became unstable",
+                f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: pushed "
+                "aside, the structure does not come back; its tangent stiffness has an eigenvalue "
+                "below zero, or of zero where a part turns or moves freely; trace_path shows the "
+                "load factor at which it became unstable",
                 checks.UnstableWarning,
             )
 

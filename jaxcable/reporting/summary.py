@@ -78,7 +78,7 @@ def _phase_sentence(structure, last, head, phase):
         masks = present_elements(structure, phase.present)
         text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements active"
     if not bool(phase.stable):
-        text += "; UNSTABLE at its end: negative eigenvalue of the tangent stiffness"
+        text += "; UNSTABLE at its end: tangent stiffness with an eigenvalue below zero, or of zero"
         if _tangent_may_be_unsymmetric(structure, last):
             text += " of its symmetric part (the state may be stable all the same: moments, "
             text += "follower loads or unsymmetric elements act)"

@@ -156,18 +156,46 @@ def test_nets_of_cables_are_stable():
     assert beside.status == 0 and beside.stable and beside.phases[0].path.n_loose[-1] == 1
 
 
-def test_a_zero_eigenvalue_is_not_negative():
+def test_a_zero_eigenvalue_is_not_positive():
     """Rounding of a singular matrix has either sign; 1e-9 of the largest entry is none."""
     rng = np.random.default_rng(0)
     basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
     from jaxcable.equilibrium.newton_step import zero_eigenvalue_bound
 
-    for lowest, expected in ((0.0, True), (-1e-9, False), (1e-9, True)):
+    for lowest, expected in ((0.0, False), (-1e-9, False), (1e-9, True)):
         values = np.geomspace(1e-3, 1.0, 20)
         values[0] = lowest
         matrix = jnp.asarray(basis * values @ basis.T)
-        found = linear.is_definite(linear.add_to_diagonal(matrix, zero_eigenvalue_bound(matrix)))
+        found = linear.is_definite(linear.add_to_diagonal(matrix, -zero_eigenvalue_bound(matrix)))
         assert bool(found) == expected
+
+
+def gate():
+    """A triangle of bars on a vertical line of hinges: nothing but a pull holds its angle."""
+    bars = jc.Bars([[0, 1], [1, 2], [0, 2]], axial_stiffness=1e6)
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [1.5, 0.0, 1.0]]
+    return jc.Structure(nodes, bars, supports=jc.pinned([0, 1])), 2
+
+
+def crane():
+    """A mast that turns on its foot, with an arm."""
+    section = jc.Section.linear(EA=1e9, EIy=1e7, EIz=1e7, GJ=1e7)
+    beams = jc.Beams([[0, 1], [1, 2]], section=section)
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 5.0], [2.0, 0.0, 5.0]]
+    return jc.Structure(nodes, beams, supports=jc.restrained([0], "xyz", "xy")), 2
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize("scene", [gate, crane])
+def test_what_turns_freely_is_not_stable(scene, method):
+    """Under its weight it stays wherever it is turned to; a pull outward brings it back."""
+    structure, tip = scene()
+    for pull, expected in ((0.0, False), (100.0, True), (-100.0, False)):
+        load = jc.NodalLoads([tip], (pull, 0.0, -100.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", jc.UnstableWarning)
+            solution = converged(jc.solve(structure, jc.Phase(loads=load), method))
+        assert bool(solution.stable) == expected, pull
 
 
 def test_instability_is_in_warning_report_picture_and_file(tmp_path, capsys):
