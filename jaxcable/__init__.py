@@ -179,12 +179,3 @@ __all__ = [
     "study",
     "trace_path",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name == "streamed":
-        raise AttributeError(
-            "jaxcable.streamed is gone: call jaxcable.study, which writes a Zarr store; the page "
-            "'Studies' of the documentation says how to move"
-        )
-    raise AttributeError(f"module 'jaxcable' has no attribute {name!r}")

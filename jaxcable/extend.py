@@ -67,8 +67,6 @@ Example:
     ValueError: stiffness[0] = -1.0: must not be negative
 """
 
-import warnings
-
 from .common.checks import as_floats, as_indices, floats_per_element
 from .common.rules import Rule, not_negative, positive, refuse_if_broken
 from .common.tree import Indices, copy_with, pytree, set_fields
@@ -150,23 +148,3 @@ __all__ = [
     "rotations",
     "set_fields",
 ]
-
-_OLD_NAMES = {
-    "Stated": "StatedValues",
-    "copy": "copy_with",
-    "floats": "as_floats",
-    "integers": "as_indices",
-    "per_element": "floats_per_element",
-    "put": "set_fields",
-    "refuse": "refuse_if_broken",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Return what an old name means, with a warning that has the new one."""
-    if name not in _OLD_NAMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    new = _OLD_NAMES[name]
-    text = f"jaxcable.extend.{name} is now called {new}"
-    warnings.warn(text, DeprecationWarning, stacklevel=2)
-    return globals()[new]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -35,14 +34,6 @@ class ElementResults:
     """
 
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None
-
-    def __getattr__(self, name: str) -> Any:
-        """Return `element_results` under its old name "told", with a warning."""
-        if name != "told":
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        text = f"{type(self).__name__}.told is now called element_results"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return self.element_results
 
     @property
     def element_results(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:

@@ -320,7 +320,6 @@ def _add_optimize(commands):
     )
     text = "the same pretension for all elements of a group"
     _add_flag(command, "--same-in-group", text)
-    command.add_argument("--one", dest="same_in_group", action="store_true", help=argparse.SUPPRESS)
     text = "maximum number of steps of the search (default 100)"
     command.add_argument(
         "--steps", type=whole_number_up_to(100_000), default=100, metavar="N", help=text

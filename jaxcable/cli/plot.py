@@ -12,7 +12,6 @@ from ..common import status
 from ..common.units import Units
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
-from ..plots.style import RENAMED_COLORS
 from . import file_names, inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
 from .solving import solve_and_show
@@ -52,7 +51,7 @@ def run(options: Namespace) -> int | None:
         same = {"structure": structure, "view": options.view, "units": units}
         if diagram:
             return plots.diagram(solution, options.of, **same)
-        color = RENAMED_COLORS.get(options.of, options.of)
+        color = options.of
         magnify = 1.0 if options.magnify is None else options.magnify
         if options.sequence:
             return plots.sequence(solution, None, magnify, color=color, **same)

@@ -152,7 +152,7 @@ def describe_largest_values(solution: Solution, units: Units | None = None) -> l
     if int(solution.status) != status.OK:
         return []
     last = len(solution.phases)
-    parts: dict[str, Any] = {"from the start": solution.displacement}
+    parts = {"from the start": solution.displacement}
     if last > 1:
         total = f"from the start (phases 1 to {last})"
         alone = solution.phases[-1].displacement_in_phase

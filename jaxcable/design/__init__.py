@@ -1,8 +1,5 @@
 """Design: objectives on solutions, and ways to reach them by exact gradients."""
 
-import warnings
-from typing import Any
-
 from .actions import Action
 from .cable_checks import CableFatigue, CableResistance, CableSafety, CableService
 from .cable_loss import loss_of_cable
@@ -97,14 +94,3 @@ __all__ = [
     "utilization",
     "worst_position",
 ]
-
-_RENAMED = {"scatter": "propagate_tolerances", "utilisation": "utilization"}
-
-
-def __getattr__(name: str) -> Any:
-    """Give a name of before its new one, with a warning, until the next release."""
-    if name not in _RENAMED:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    text = f"design.{name} is called {_RENAMED[name]} now"
-    warnings.warn(text, DeprecationWarning, stacklevel=2)
-    return globals()[_RENAMED[name]]

@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.old_names import ELEMENT, refuse_old_names
 from ..common.rules import Rule
 from ..common.tree import PerElement
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
@@ -143,10 +142,6 @@ class Element(abc.ABC):
     shaped_by_load: bool = False
     paired: bool = False
     slides: bool = False
-
-    def __init_subclass__(cls, **options: object):
-        super().__init_subclass__(**options)
-        refuse_old_names(cls, ELEMENT)
 
     @property
     def n_freedom(self) -> int:

@@ -7,7 +7,6 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 
-from ..common.old_names import STATE, refuse_old_names
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 
@@ -89,10 +88,6 @@ class ElementState:
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
     element_load: ElementLoad | None = None
     present: Bool[Array, " n_elem"] | None = None
-
-    def __init_subclass__(cls, **options: object):
-        super().__init_subclass__(**options)
-        refuse_old_names(cls, STATE)
 
     @property
     def load_bearing_length(self) -> Float[Array, " n_elem"]:

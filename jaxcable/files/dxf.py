@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.compilation import without_garbage_collection
-from ..common.old_names import takes_old_argument
 from ..common.units import UnitsLike
 from .arcs import points_along_entity
 from .net_units import scale_in_units
@@ -45,7 +44,6 @@ _WHY = {
 """Why kinds of entities are left out, or what to do."""
 
 
-@takes_old_argument("tol", "tolerance")
 def read_dxf(
     path: str | PathLike[str],
     scale: float | None = None,

@@ -1,8 +1,5 @@
 """Form finding: shapes, tensions and unstressed lengths that an analysis can begin with."""
 
-import warnings
-from typing import Any
-
 from .equivalent_prestress import EquivalentPrestress, equivalent_prestress
 from .feasible_prestress import Prestress, feasible_prestress
 from .force_density import force_density
@@ -29,14 +26,3 @@ __all__ = [
     "self_stress",
     "symmetric_groups",
 ]
-
-_RENAMED = {"Statements": "EquivalentPrestress", "statements": "equivalent_prestress"}
-
-
-def __getattr__(name: str) -> Any:
-    """Return what an old public name stands for, with a warning that tells the new name."""
-    if name not in _RENAMED:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    text = f"forms.{name} is now called forms.{_RENAMED[name]}; the old name will be removed"
-    warnings.warn(text, DeprecationWarning, stacklevel=2)
-    return globals()[_RENAMED[name]]

@@ -18,8 +18,6 @@ Ranks are discrete: everything here is NumPy on the host and has no derivatives.
 
 from __future__ import annotations
 
-import warnings
-
 import jax
 import numpy as np
 
@@ -118,13 +116,6 @@ class SelfStress:
         below = float(values[self.rank]) if self.rank < len(values) else 0.0
         top = float(values[0])
         return float(values[self.rank - 1]) / top, below / top
-
-    @property
-    def gap(self) -> tuple[float, float]:
-        """Old name of `rank_gap`; it warns."""
-        text = "SelfStress.gap is now called SelfStress.rank_gap; the old name will be removed"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return self.rank_gap
 
     def describe(self) -> str:
         """Describe the kind of structure, s and m in words.

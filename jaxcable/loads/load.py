@@ -9,7 +9,6 @@ from typing import Protocol, Self, TypeAlias
 import numpy as np
 from jax.typing import DTypeLike
 
-from ..common.old_names import LOAD, refuse_old_names
 from ..common.rules import Rule
 from ..common.tree import Indices, copy_with
 from ..common.types import Array, ArrayLike, Float, Int
@@ -60,10 +59,6 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 
     worked_out: tuple[str, ...] = ("begin_nodes", "element_factors")
     scales: tuple[str, ...] = ()
-
-    def __init_subclass__(cls, **options: object):
-        super().__init_subclass__(**options)
-        refuse_old_names(cls, LOAD)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the load does not fit the structure.

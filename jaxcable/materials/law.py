@@ -8,7 +8,6 @@ from typing import TypeAlias
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.old_names import LAW, refuse_old_names
 from ..common.types import Array, ArrayLike, Bool, Float
 
 Numbers: TypeAlias = 'Float[ArrayLike, "*shape"]'
@@ -38,10 +37,6 @@ class Law(abc.ABC):
     n_memory: int = 0
     has_rupture: bool = False
     monotone: bool = False
-
-    def __init_subclass__(cls, **options: object):
-        super().__init_subclass__(**options)
-        refuse_old_names(cls, LAW)
 
     @property
     @abc.abstractmethod

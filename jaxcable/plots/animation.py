@@ -20,14 +20,13 @@ from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line
 from .layout import arrange_pictures, finish_layout
 from .page import fill_template
 from .snapshots import Snapshots
-from .style import OVER, SLACK, accepts_old_spelling, color_map
+from .style import OVER, SLACK, color_map
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
 _LAST_FRAME_FACTOR = 10  # times longer is the last frame shown: a second, before it repeats
 
 
-@accepts_old_spelling
 def animation(
     solution: Solution,
     path: str | os.PathLike[str],

@@ -17,7 +17,7 @@ from ..model.structure import Structure
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
 from .snapshots import Snapshot, Snapshots
-from .style import accepts_old_spelling, finish_figure
+from .style import finish_figure
 from .symbols import (
     ForceArrows,
     draw_section_axes,
@@ -30,7 +30,6 @@ from .views import choose_view
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 
 
-@accepts_old_spelling
 def net(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,

@@ -18,7 +18,7 @@ from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line
 from .layout import arrange_pictures, finish_layout
 from .nets import StagePicture
 from .snapshots import Snapshots
-from .style import accepts_old_spelling, finish_figure
+from .style import finish_figure
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
@@ -30,7 +30,6 @@ _LEAST = 0.1  # of the largest value of all: less is not written
 _WIDE = 0.7  # height over width up to which pictures stand in two columns; in three if higher
 
 
-@accepts_old_spelling
 def sequence(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,

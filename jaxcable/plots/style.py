@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import io
 import os
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -45,34 +43,6 @@ GRID = "0.9"
 FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
 """Marks of failed increments, steps and trials."""
 LEGEND = {"frameon": False, "columnspacing": 1.4, "handletextpad": 0.6}
-
-
-RENAMED_COLORS = {"utilisation": "utilization"}
-"""Values of `color` by what they were called before; both are taken until the next release."""
-
-Draw = TypeVar("Draw", bound=Callable[..., Any])
-
-
-def accepts_old_spelling(draw: Draw) -> Draw:
-    """Decorate a function with an argument `color` so that it also takes the old spellings.
-
-    These are the keyword ``colour``, and the values in `RENAMED_COLORS`; both cause a
-    DeprecationWarning.
-    """
-
-    @functools.wraps(draw)
-    def translated(*args, **options):
-        if "colour" in options and "color" not in options:
-            warnings.warn("colour is called color now", DeprecationWarning, stacklevel=2)
-            options["color"] = options.pop("colour")
-        old = options.get("color")
-        if isinstance(old, str) and old in RENAMED_COLORS:
-            options["color"] = RENAMED_COLORS[old]
-            text = f"color = {old!r} is called {options['color']!r} now"
-            warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return draw(*args, **options)
-
-    return translated  # type: ignore[return-value]  # of the same signature
 
 
 class Picture(Figure):

@@ -21,14 +21,13 @@ from .diagrams import forces_along_beams
 from .element_forces import all_result_columns, concatenate_values
 from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
-from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map, quantity_unit
+from .style import LOAD, REACTION, SLACK, color_map, quantity_unit
 from .views import choose_view
 
 _PLACES = 17  # along hanging cables, ends included; fewer than in pictures, for small pages
 _DIAGRAM = 13  # places along beams for their section forces
 
 
-@accepts_old_spelling
 def view(
     solution: Solution,
     path: str | os.PathLike[str] | None = "net.html",

@@ -15,7 +15,6 @@ structure snapped between two increments.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import jax
@@ -104,13 +103,6 @@ class EnergyBalance:
         terms = [*(getattr(self, name) for name in WORKS), self.stored, self.dissipated]
         largest = np.max(np.abs([*terms, _ROUNDING * self.level]), axis=0)
         return np.abs(self.imbalance) / np.where(largest > 0, largest, 1.0)
-
-    @property
-    def relative(self) -> Float[np.ndarray, " n_phase"]:
-        """Old name of `relative_imbalance`, with a warning; it will be removed."""
-        text = "EnergyBalance.relative is called relative_imbalance now"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return self.relative_imbalance
 
 
 def energy_balance(

@@ -255,11 +255,3 @@ def test_a_phase_shorter_than_others_is_judged_where_it_ends():
         solution = jc.solve(structure, stages, jc.Incremental(2))
     assert int(solution.status) == 0
     assert [bool(phase.stable) for phase in solution.phases] == [True, False, True]
-
-
-def test_the_old_name_of_element_results_warns():
-    structure, phases = jc.scenes.flat_net(load=15.0)
-    solution = jc.solve(structure, phases)
-    assert int(solution.status) == 0
-    with pytest.warns(DeprecationWarning, match="element_results"):
-        assert list(solution.told) == list(solution.element_results)

@@ -110,7 +110,7 @@ def calls(solution, every):
 
     compiles = [
         command("solve", "scene.json", "--report", "PATH", suffixes=".csv .txt", files=report),
-        command("optimize", "scene.json", "--target", "150", "--one"),
+        command("optimize", "scene.json", "--target", "150", "--same-in-group"),
         command("form", "scene.json", "--force-density", "50"),
     ]
     return [

@@ -328,11 +328,10 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys, refused)
 @pytest.mark.slow
 def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
     jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
-    for option in ("--one", "--same-in-group"):  # the old name still works
-        assert command(f"optimize net.json --deflection 0.5 {option}") == 0
-        out = capsys.readouterr().out
-        assert "no pretension is needed: the limits below are met without any" in out
-        assert "\npretension 0 N\n" in out and "KKT" not in out
+    assert command("optimize net.json --deflection 0.5 --same-in-group") == 0
+    out = capsys.readouterr().out
+    assert "no pretension is needed: the limits below are met without any" in out
+    assert "\npretension 0 N\n" in out and "KKT" not in out
 
 
 @pytest.mark.slow

@@ -308,7 +308,7 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         ("net.json --reactions", "net", plain | {"reactions": True}),
         ("net.json --sequence", "sequence", plain),
         (
-            "net.json --sequence --magnify 20 --of utilisation",
+            "net.json --sequence --magnify 20 --of utilization",
             "sequence",
             plain | color | {"magnify": 20.0},
         ),

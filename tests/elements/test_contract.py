@@ -13,7 +13,6 @@ from extensions.own_membrane import Cloth, Membranes
 from extensions.own_saddle import Saddles
 
 import jaxcable as jc
-from jaxcable import extend
 from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
@@ -478,35 +477,3 @@ def test_fields_of_the_wrong_kind_are_named():
 )
 def test_links_are_checked(links, sentence):
     assert said(springs(links=links)) == f"links: expected {sentence}"
-
-
-# --- old names of the contract
-
-
-@pytest.mark.parametrize(
-    ("base", "members", "sentence"),
-    [
-        (extend.Element, {"settle": returns(None)}, "`settle` is now called `commit_memory`"),
-        (extend.Element, {"remembers": True}, "`remembers` is now called `has_memory`"),
-        (
-            extend.Prestressable,
-            {"restate": returns(None)},
-            "`restate` is now .* `apply_statements`",
-        ),
-        (extend.ElementState, {"loaded": property(returns(None))}, "`load_bearing_length`"),
-        (extend.Law, {"beyond": returns(None)}, "`beyond` is now called `is_ruptured`"),
-    ],
-)
-def test_an_old_name_is_refused(base, members, sentence):
-    with pytest.raises(TypeError, match=sentence):
-        type("Own", (base,), members)
-
-
-def test_a_field_may_have_an_old_name():
-    assert type("Own", (extend.Element,), {"size": 3.0, "__annotations__": {"size": object}}).size
-
-
-@pytest.mark.parametrize(("old", "new"), [("Stated", "StatedValues"), ("put", "set_fields")])
-def test_an_old_name_of_extend_warns(old, new):
-    with pytest.warns(DeprecationWarning, match=f"{old} is now called {new}"):
-        assert getattr(extend, old) is getattr(extend, new)

@@ -354,22 +354,6 @@ def test_the_command_line_converts(tmp_path, monkeypatch, capsys):
     assert "($INSUNITS = 0); give metres per drawing unit" in capsys.readouterr().err
 
 
-def test_the_old_name_of_the_tolerance_is_taken(tmp_path):
-    structure, _ = jc.scenes.flat_net()
-    save_dxf(tmp_path / "net.dxf", structure)
-    with pytest.warns(DeprecationWarning, match="read_dxf: tol is called tolerance now") as seen:
-        net = read_dxf(tmp_path / "net.dxf", tol=1e-3)
-    assert seen[0].filename == __file__
-    assert len(net.nodes) == len(structure.nodes)
-    with (
-        pytest.warns(DeprecationWarning, match="tol is called"),
-        pytest.raises(FileError, match="the line has no length"),  # 0.4 m
-    ):
-        read_dxf(tmp_path / "net.dxf", tol=0.5)
-    with pytest.raises(TypeError, match="tol"):
-        read_dxf(tmp_path / "net.dxf", tol=0.5, tolerance=0.5)
-
-
 # $INSUNITS by the DXF reference, with the names of scipy.constants
 UNIT_CODES = {
     **{1: "inch", 2: "foot", 3: "mile", 4: "milli", 5: "centi", 7: "kilo", 9: "mil", 10: "yard"},

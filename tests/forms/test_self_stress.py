@@ -374,18 +374,3 @@ def test_results_are_in_the_shape_of_the_elements():
     prestress = forms.feasible_prestress(structure, forms.symmetric_groups(structure, 3))
     ratio = prestress.tension[1] / one[1]
     assert np.abs(ratio / ratio[0] - 1).max() < 1e-12
-
-
-# --- old names
-
-
-def test_old_names_warn_and_give_the_new_ones():
-    with pytest.warns(DeprecationWarning, match="rank_gap"):
-        gap = forms.self_stress(SIMPLEX).gap
-    assert gap == forms.self_stress(SIMPLEX).rank_gap
-    with pytest.warns(DeprecationWarning, match=r"forms\.equivalent_prestress"):
-        assert forms.statements is forms.equivalent_prestress
-    with pytest.warns(DeprecationWarning, match=r"forms\.EquivalentPrestress"):
-        assert forms.Statements is forms.EquivalentPrestress
-    with pytest.raises(AttributeError, match="no attribute 'statement'"):
-        forms.statement  # noqa: B018

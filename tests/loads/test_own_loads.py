@@ -171,8 +171,3 @@ def test_a_node_number_that_does_not_exist_is_refused(varies):
             prepare(mast_with_guys(), [PRESTRESS, jc.Phase(loads=load)], None, None)
     task = prepare(mast_with_guys(), [jc.Phase(loads=Push(Indices([2, 6]), 1.0))], None, None)
     assert task.n_unknown == 6
-
-
-def test_an_old_name_of_the_contract_is_refused():
-    with pytest.raises(TypeError, match="`per_length` is now called `load_per_length`"):
-        type("Own", (jc.extend.Dead,), {"per_length": lambda self: None})

@@ -364,16 +364,6 @@ def test_failed_solutions_and_what_is_refused(pictures, runs):
             draw(solution, **options)
 
 
-def test_old_spellings_are_taken_and_warn(runs):
-    told = {}
-    for old in ({"colour": "tension"}, {"color": "utilisation", "structure": runs.strong}):
-        (key, value), *_ = old.items()
-        with pytest.warns(DeprecationWarning, match=value if key == "color" else key):
-            told[key] = jc.plots.net(runs.taut, **old).axes[-1].get_xlabel()
-    assert told["colour"].startswith("tension (")
-    assert told["color"].startswith("utilization: force / breaking force (%)")
-
-
 def test_increments(pictures, runs):
     residual, iterations, slack = pictures["increments"].axes
     path = runs.slack.phases[1].path

@@ -534,10 +534,3 @@ def test_missing_packages_are_named(tmp_path, monkeypatch, package):
     monkeypatch.setattr("importlib.util.find_spec", lambda n: None if n == package else real(n))
     with pytest.raises(ModuleNotFoundError, match=r'pip install "jaxcable\[studies\]"'):
         jc.study(square, np.arange(3.0), tmp_path / "a").open()
-
-
-def test_the_former_call_says_what_replaces_it():
-    with pytest.raises(AttributeError, match=r"jaxcable.streamed is gone: call jaxcable.study"):
-        jc.streamed  # noqa: B018
-    with pytest.raises(AttributeError, match="has no attribute 'strimed'"):
-        jc.strimed  # noqa: B018
