@@ -90,8 +90,7 @@ def model(
     finish_layout(figure, slots, None, "", handles)
     left_out = _write_numbers(axes, stage) if numbers else 0
     if left_out:
-        which = "1 number" if left_out == 1 else f"{left_out} numbers"
-        text = f"{axes.get_title()}, without {which} that would cover others"
+        text = f"{axes.get_title()}; numbers left out: {left_out}"  # they would cover others
         axes.title.set_text(text)  # where the layout has put it
     return finish_figure(figure, path)
 

@@ -13,12 +13,12 @@ from ..common import status
 from ..common.units import UnitsLike
 from ..design import envelope, utilization
 from ..model.structure import Structure
-from .envelopes import envelope_diagram
+from .envelopes import envelope_diagram, largest_of_kind
 from .model_pictures import model
 from .nets import net
 
 _PLACES = 41  # along beams: the largest value between two of them is off by 1e-3 at most
-_ROUNDING = 1e-7  # of the largest section force of a kind: less is not drawn
+_WORTH = 1e-3  # of the largest section force of a kind: less is not drawn
 
 
 def for_report(
@@ -87,9 +87,9 @@ def for_report(
             units=units,
         )
     for kind in (("N", "Vy", "Vz"), ("T", "My", "Mz")):
-        sizes = {name: _largest_size(extremes, name) for name in kind}
-        for name, size in sizes.items():
-            if name != "N" and size > _ROUNDING * max(sizes.values()):
+        for name in kind:
+            worth = _WORTH * largest_of_kind(extremes, name)
+            if name != "N" and _largest_size(extremes, name) > worth:
                 found[f"Envelope of {name} over all cases"] = envelope_diagram(
                     structure, extremes, name, units=units
                 )

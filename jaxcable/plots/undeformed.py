@@ -11,6 +11,7 @@ from ..common.types import Bool, Float
 from ..common.units import SI, Units
 from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
+from .ordinates import view_of_ordinates
 from .symbols import support_kinds
 from .views import View, choose_view
 
@@ -34,6 +35,7 @@ class UndeformedStructure:
 
     def __init__(self, structure: Structure, view: str | None, units: Units | None):
         self.structure, self.units = structure, units
+        self._is_stated = view is not None
         self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
         self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
         self.links, self.element, self.group = straight_pieces(structure.groups)
@@ -46,6 +48,13 @@ class UndeformedStructure:
                 on_ground[group.links.array] = True
         held = [*kinds, on_ground & ~kinds.any(axis=0)]
         self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
+
+    def turn_to(
+        self, ends: Float[np.ndarray, "n_beam 2 3"], sides: Float[np.ndarray, "n 3"]
+    ) -> None:
+        """Take the view of `view_of_ordinates`, unless another one has been asked for."""
+        if not self._is_stated:
+            self.view = view_of_ordinates(self.view, ends, sides)
 
     def add_lines(
         self, axes: Any, positions: Float[np.ndarray, "... 3"], **look: Any

@@ -40,7 +40,7 @@ from .slackness import loose_node_table, slack_cable_table
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
-from .table import table_in_units
+from .table import table_in_units, tables_without_noise
 
 
 def report(
@@ -232,6 +232,7 @@ def _names_of_combinations(combinations, cases, names):
 
 def _finish_report(solution, summary, tables, units):
     """Return the `Report` of some sentences and tables, in SI units or, if not None, in `units`."""
+    tables = tables_without_noise(tables)
     if units is not None:
         tables = {name: table_in_units(table, units) for name, table in tables.items()}
     return Report(int(solution.status), tuple(summary), tables, units)
