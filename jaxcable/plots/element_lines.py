@@ -18,19 +18,21 @@ from ..common.units import Units
 from .element_curves import Links, picture_lines, select_lines
 from .element_forces import ElementForces
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SLACK, color_map, quantity_unit
+from .style import GHOST, INK, SLACK, color_map, format_value, quantity_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
 _SWAMPED = 0.25  # largest force of a group over that of all, below which groups have own colors
+_DIGITS = 1e-3  # of the largest force of a group: less is zero in the legend
+_MANY = 1 / 3  # share of the elements that are in such groups
 _REACHED = 1e-6  # utilization above 1 that is rounding: the breaking force is just reached
 
 
 class ColorScale:
     """The color scale of elements that several pictures share.
 
-    Where the forces of a group are small beside those of another one, colors are shares of the
-    largest force of each group, and the legend has the forces.
+    Where the forces of many elements are small beside those of other groups, colors are shares of
+    the largest force of each group, and the legend has the forces.
 
     Args:
         forces: `ElementForces` of the pictures, or `ColoredValues`.
@@ -50,7 +52,7 @@ class ColorScale:
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
         cmap: Any = color_map()
         self.name, self.unit = color.replace("_", " "), "%"
-        self._ranges = self._sizes = None
+        self._ranges = None
         if color == "utilization":
             # the bar is from 0 to 100 % whatever occurs; what is more has another color, named
             # with a margin for rounding: a force that has been brought to the strength is not over
@@ -67,10 +69,8 @@ class ColorScale:
                 self.name, signed = "axial force", ", tension positive"
             self.label = f"{self.name} ({self.unit})".removesuffix(" ()") + signed
             low, high = self.factor * low, self.factor * high
-            ranges = _ranges_by_group(forces) if color == "tension" else np.zeros((0, 2))
-            sizes = np.abs(ranges).max(axis=1, initial=0.0)
-            if ((sizes > NEGLIGIBLE * most) & (sizes < _SWAMPED * most)).any():
-                self._ranges, self._sizes = ranges, np.maximum(sizes, 1e-300)
+            self._ranges = _swamped_ranges(forces) if color == "tension" else None
+            if self._ranges is not None:
                 self._labels = forces[0].labels
                 self.label, low, high = f"{self.name}, % of the largest of its group", 0.0, 100.0
             if high - low <= 1e-9 * max(abs(high), 1.0):
@@ -80,16 +80,17 @@ class ColorScale:
 
     def numbers(self, forces: ElementForces | ColoredValues) -> Float[np.ndarray, " n_elem"]:
         """Return the numbers on the color bar of all elements in one of the pictures, [n_elem]."""
-        if self._sizes is None:
+        if self._ranges is None:
             return self.factor * forces.value
-        return 100.0 * np.abs(forces.value) / self._sizes[forces.group]
+        sizes = np.maximum(np.abs(self._ranges).max(axis=1), 1e-300)
+        return 100.0 * np.abs(forces.value) / sizes[forces.group]
 
     def legend(self) -> list[Line2D]:
         """Return a legend entry with the range of forces for each group; [] without shares."""
         if self._ranges is None:
             return []
         texts = [
-            f"{label}: {low:.3g} to {high:.3g} {self.unit}"
+            f"{label}: {format_value(low)} to {format_value(high)} {self.unit}"
             for label, (low, high) in zip(self._labels, self.factor * self._ranges, strict=True)
             if np.isfinite(low)
         ]
@@ -106,12 +107,21 @@ class ColoredValues(NamedTuple):
     labels: list[str]
 
 
-def _ranges_by_group(forces):
-    """Return the smallest and largest value of each group in all pictures, [n_group, 2], or NaN."""
-    values = np.stack([f.value for f in forces], axis=1)
-    own = [values[forces[0].group == k] for k in range(len(forces[0].labels))]
+def _swamped_ranges(forces):
+    """Return the smallest and largest value of each group in all pictures, [n_group, 2], or NaN.
+
+    Return None unless many elements are in groups that another one swamps.
+    """
+    values, group = np.stack([f.value for f in forces], axis=1), forces[0].group
+    own = [values[group == k] for k in range(len(forces[0].labels))]
     known = [x[np.isfinite(x)] for x in own]
-    return np.array([[x.min(), x.max()] if len(x) else [np.nan, np.nan] for x in known])
+    ranges = np.array([[x.min(), x.max()] if len(x) else [np.nan, np.nan] for x in known])
+    sizes = np.abs(ranges).max(axis=1)
+    most = np.nanmax(sizes, initial=0.0)
+    small = (sizes > NEGLIGIBLE * most) & (sizes < _SWAMPED * most)
+    if small[group].mean() <= _MANY:
+        return None
+    return np.where(np.abs(ranges) < _DIGITS * sizes[:, None], 0.0, ranges)
 
 
 class ElementLines:

@@ -34,7 +34,7 @@ from .ordinates import (
     side_directions_in_picture,
     write_values,
 )
-from .style import GHOST, INK, SERIES, finish_figure, quantity_unit
+from .style import GHOST, INK, SERIES, finish_figure, format_value, quantity_unit
 from .symbols import draw_supports, support_legend
 from .undeformed import UndeformedStructure
 
@@ -211,7 +211,7 @@ def _draw_section_force(stage, envelope, of, high):
         axes.add_collection(area(quads, zorder=2, **look), autolim=False)
         stage.view.add_lines(axes, top, colors=color, linewidths=1.0, zorder=3)
         extreme = extremes[side]
-        text = f"{word} {of}: {factor * extreme.value:.4g} {unit}, {extreme.case}"
+        text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
     written = choose_values_to_write(
@@ -301,7 +301,7 @@ def _draw_element_values(stage, envelope, of):
         lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **scale.look)
         lines.set_array(scale.numbers(values[side])[stage.element])
         extreme = extremes[side]
-        text = f"{word} {scale.name}: {scale.factor * extreme.value:.4g} {scale.unit}".rstrip()
-        text += f", {extreme.case}"
+        number = f"{format_value(scale.factor * extreme.value)} {scale.unit}".rstrip()
+        text = f"{word} {scale.name}: {number}, {extreme.case}"
         handles.append(Line2D([], [], linestyle="", label=text))
     return figure, handles, slots, (lines, scale.label)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Float, Int
-from .style import INK
+from .style import INK, format_value
 from .views import View
 
 _INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
@@ -24,7 +24,7 @@ def write_values(
     halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
     look: Any = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
     for place, value in written:
-        axes.text(*view.project(place), f"{factor * value:.4g}", **look)
+        axes.text(*view.project(place), format_value(factor * value), **look)
 
 
 def keep_inside(axes: Any) -> None:

@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.types import ArrayLike, Float
 from ..common.units import UnitsLike
 from ..design import envelope, utilization
+from ..elements.abilities import Bending
 from ..model.structure import Structure
 from .envelopes import envelope_diagram, largest_of_kind
 from .model_pictures import model
@@ -27,6 +29,7 @@ def for_report(
     *,
     cases: Solution | None = None,
     names: Sequence[str] | None = None,
+    ground: Float[ArrayLike, "n 3"] | None = None,
     units: UnitsLike | None = None,
 ) -> dict[str, Figure]:
     """Draw the pictures of a report: the structure, its forces, and what governs over cases.
@@ -41,6 +44,8 @@ def for_report(
     Options:
         cases: `Solution` with a leading axis [n_case], as for `report`.
         names: names of the cases, such as ``combinations.names``.
+        ground: points of the ground along a line, as of `net`. Heights of a line, a plane structure
+            without beams that is low, are magnified.
         units: units of the pictures, as of `net`.
 
     Returns:
@@ -59,10 +64,12 @@ def for_report(
     """
     if int(solution.status) != status.OK:
         return {}
+    lines = not any(isinstance(group, Bending) for group in structure.groups)
+    heights = None if lines else 1.0
     found = {
-        "Structure: groups, nodes and elements": model(structure, units=units),
+        "Structure: groups, nodes and elements": model(structure, units=units, heights=heights),
         "Forces at the end of the first and the last phase": net(
-            solution, structure=structure, units=units
+            solution, structure=structure, units=units, ground=ground, heights=heights
         ),
     }
     if cases is None or not (np.asarray(cases.status) == status.OK).any():

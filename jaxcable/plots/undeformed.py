@@ -24,6 +24,7 @@ class UndeformedStructure:
         view: "plan", "elevation", "space", or None for elevation of a structure in a vertical
             plane, else space.
         units: `Units` of the coordinates, None for SI.
+        heights: factor on heights in an elevation, or None, as of `choose_view`.
 
     Attributes:
         structure, units, view: as above; the view is a `View`.
@@ -33,11 +34,19 @@ class UndeformedStructure:
         held: which nodes are supported in which way, as of `support_kinds`, and by the ground.
     """
 
-    def __init__(self, structure: Structure, view: str | None, units: Units | None):
+    def __init__(
+        self,
+        structure: Structure,
+        view: str | None,
+        units: Units | None,
+        heights: float | None = 1.0,
+    ):
         self.structure, self.units = structure, units
         self._is_stated = view is not None
         self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
-        self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
+        self.view: View = choose_view(
+            self.nodes, view, space=True, units=units or SI, heights=heights
+        )
         self.links, self.element, self.group = straight_pieces(structure.groups)
         self.extent = float(np.ptp(self.nodes, axis=0).max())
         fixed = np.asarray(structure.supports.fixed(structure.n_node))

@@ -136,8 +136,11 @@ class View:
             least = 3 if (high - low)[1] < 0.4 * (high - low)[0] else 6
             axes.yaxis.set_major_locator(MaxNLocator(nbins=least))
             axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
-            if self.heights != 1.0:
-                axes.yaxis.set_major_formatter(lambda value, _: f"{value / self.heights:g}")
+            if self.heights != 1.0:  # round numbers are true heights
+                low, high = np.array(axes.get_ylim()) / self.heights
+                marks = MaxNLocator(nbins=least).tick_values(low, high)
+                marks = marks[(marks >= low) & (marks <= high)]
+                axes.set_yticks(self.heights * marks, [f"{mark:g}" for mark in marks])
             axes.set(xlabel=names[0], ylabel=names[1])
         else:
             axes = figure.add_axes([0.1, 0.1, 0.8, 0.8], projection="3d")
