@@ -137,7 +137,7 @@ def _place_legend(figure, handles, width):
         )
         size = legend.get_window_extent()
         if columns == 1 or size.width / figure.dpi <= width - 2 * _GAP:
-            return size.height / figure.dpi + 0.05
+            return size.height / figure.dpi + 0.12
         legend.remove()
 
 

@@ -83,8 +83,8 @@ def reaction_table(
         columns.insert(1, Column("by", "", ["support"] * len(nodes) + ground.names))
     title = "Support reactions (on the structure)"
     total = values[:, :3].sum(axis=0) + np.nan_to_num(ground.values[:, :3]).sum(axis=0)
-    every = np.vstack([values[:, :3], np.nan_to_num(ground.values[:, :3])])
-    total = units.from_si(zero_negligible(total, np.abs(every).sum()), "N")
+    sizes = np.vstack([np.abs(values[:, :3]), np.nan_to_num(np.abs(ground.values[:, :3]))])
+    total = units.from_si(zero_negligible(total, sizes.sum()), "N")
     notes = [f"sum of the forces: {vector_text(total)} {units.name('N')}"]
     if np.isnan(parts[:, :3]).any():
         notes.append("blank: direction not supported in the final state")

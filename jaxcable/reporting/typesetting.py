@@ -30,6 +30,7 @@ def _template():
 
 _WIDE, _HIGH = 470.0, 300.0
 """Points that a picture takes at most; so two of them fit one below the other, with captions."""
+_SCALE = 0.85  # of pictures over their own size, for text of some 8 points
 _SIZE = re.compile(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"')
 _NARROW = 360.0
 """Width of pictures, points, up to which two are beside each other, scaled to half a page."""
@@ -77,7 +78,7 @@ def _picture_rows(pictures):
         one = {
             "caption": caption,
             "svg": svg,
-            "width": width * min(1.0, _WIDE / width, _HIGH / height),
+            "width": width * min(_SCALE, _WIDE / width, _HIGH / height),
         }
         if width > _NARROW:
             rows.append([one])
