@@ -1,13 +1,13 @@
 """How long does an office wait for its first report, from an empty process to the PDF?
 
-Question   Seconds that the pages docs/how-to/checks.md (a guyed mast) and report.md (a footbridge in
-           stages) take, each in a new process without kept programs, up to the PDF: stages,
+Question   Seconds that the pages docs/how-to/checks.md (a guyed mast) and report.md (a footbridge
+           in stages) take, each in a new process without kept programs, up to the PDF: stages,
            combinations, checks, pictures. How do the pages of these reports look?
 Reference  None: times, with the machine; pages to look at.
 Error      None.
 Command    python experiments/deliverables.py   (three minutes on 2 cores; writes
            results/deliverables.txt, and pages of the reports and a spoked wheel as
-           results/deliverables_*.png. Needs the extra `reports`, with a Typst that embeds PDF, 0.14)
+           results/deliverables_*.png. Needs the extra `reports`, with Typst 0.14 or newer)
 """
 
 import os
@@ -59,7 +59,7 @@ def main():
             count = re.search(r"(\d+) combinations", told.stdout)[1]
             say(f"{seconds:8.0f}  {name}, {count} combinations")
             sheet = Path(folder, "sheet.typ")
-            sheet.write_text(SHEETS.format(file=file, pages=", ".join(map(str, shown))))
+            sheet.write_text(SHEETS.format(file=file, pages=", ".join(map(str, shown))), "utf-8")
             with atomic_write(RESULTS / f"deliverables_{name.split()[-1]}.png", "wb") as stream:
                 stream.write(typst.compile(sheet, format="png", ppi=90))
     say.close()

@@ -22,7 +22,10 @@ from .style import GHOST, INK, SLACK, color_map, format_value, quantity_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
-_SWAMPED = 0.25  # largest force of a group over that of all, below which groups have own colors
+_SWAMPED = (
+    0.01,
+    0.25,
+)  # largest force of a group over that of all, with which groups have own colors
 _DIGITS = 1e-3  # of the largest force of a group: less is zero in the legend
 _MANY = 1 / 3  # share of the elements that are in such groups
 _REACHED = 1e-6  # utilization above 1 that is rounding: the breaking force is just reached
@@ -118,7 +121,7 @@ def _swamped_ranges(forces):
     ranges = np.array([[x.min(), x.max()] if len(x) else [np.nan, np.nan] for x in known])
     sizes = np.abs(ranges).max(axis=1)
     most = np.nanmax(sizes, initial=0.0)
-    small = (sizes > NEGLIGIBLE * most) & (sizes < _SWAMPED * most)
+    small = (sizes > _SWAMPED[0] * most) & (sizes < _SWAMPED[1] * most)
     if small[group].mean() <= _MANY:
         return None
     return np.where(np.abs(ranges) < _DIGITS * sizes[:, None], 0.0, ranges)

@@ -131,7 +131,8 @@ def test_stages_have_their_forces_and_reactions():
             for number, value in enumerate(np.asarray(force)):
                 shown = forces[name, number][k]
                 absent = name == "strut" and k < 2
-                assert (shown is None) if absent else shown == pytest.approx(float(value))
+                # a force of 1e-7 of the largest one is zero in tables
+                assert (shown is None) if absent else shown == pytest.approx(float(value), abs=1e-2)
     table = begin["reactions_by_phase"]
     at = {(row[0], row[1]): row[2:5] for row in table.rows}
     for phase, name in zip(built.phases, stages, strict=True):
