@@ -93,9 +93,9 @@ class ColorScale:
         if self._ranges is None:
             return []
         texts = [
-            f"{label}: {format_value(low)} to {format_value(high)} {self.unit}"
-            for label, (low, high) in zip(self._labels, self.factor * self._ranges, strict=True)
-            if np.isfinite(low)
+            f"{label}: {' to '.join(dict.fromkeys(map(format_value, ends)))} {self.unit}"
+            for label, ends in zip(self._labels, self.factor * self._ranges, strict=True)
+            if np.isfinite(ends[0])
         ]
         return [Line2D([], [], linestyle="", label=text) for text in texts]
 

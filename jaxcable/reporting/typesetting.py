@@ -33,7 +33,7 @@ _WIDE, _HIGH = 470.0, 300.0
 _SCALE = 0.85  # of pictures over their own size, for text of some 8 points
 _SIZE = re.compile(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"')
 _NARROW = 360.0
-"""Width of pictures, points, up to which two are beside each other, scaled to half a page."""
+"""Width of pictures, points, up to which they get half a page, two beside each other."""
 
 
 def pdf_bytes(document: Document) -> bytes:
@@ -75,21 +75,15 @@ def _picture_rows(pictures):
     alone: list[dict[str, Any]] = []  # a row of one narrow picture
     for caption, svg in pictures:
         width, height = (float(size) for size in _SIZE.findall(svg)[0])
-        one = {
-            "caption": caption,
-            "svg": svg,
-            "width": width * min(_SCALE, _WIDE / width, _HIGH / height),
-        }
-        if width > _NARROW:
-            rows.append([one])
-        elif alone:
+        most = 0.48 * _WIDE if width <= _NARROW else _WIDE
+        one = {"caption": caption, "svg": svg}
+        one["width"] = min(_SCALE * width, most, _HIGH * width / height)
+        if width <= _NARROW and alone:
             alone.append(one)
-            for each in alone:
-                each["width"] = min(each["width"], 0.48 * _WIDE)
             alone = []
         else:
-            alone = [one]
-            rows.append(alone)
+            rows.append([one])
+            alone = rows[-1] if width <= _NARROW else alone
     return rows
 
 
