@@ -206,6 +206,7 @@ def test_a_table_with_a_text_that_wraps_stays_on_an_upright_page(letters, count,
     """Of the 470 points of a page each number takes 36; a text that wraps needs 20 characters."""
     names = ("group", *(f"f{k}" for k in range(count)), "also")
     units = ("", *["N"] * count, "")
-    table = Table("T", names, units, [["ties", *[1e6] * count, 60 * letters]])
+    rows = [["ties", *[1e6] * count, 60 * letters]] * 16  # of up to 15 rows it would be in parts
+    table = Table("T", names, units, rows)
     (part,) = make_document([], {"t": table}, None, Heading(), {}, None).tables[0].parts
     assert part.landscape == bool(turned)
