@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +41,8 @@ from .undeformed import UndeformedStructure
 
 _HIGH = 0.12  # length of the largest value over the extent of the structure, as of `diagram`
 _LABELS, _APART = 9, 0.12  # values that are written, and their distance over the extent
+KINDS = ("N", "Vy", "Vz"), MOMENTS
+"""Section forces of a kind."""
 _UNITS = {"tension": "N", "sag": "m"}
 """Units of results that elements have one of each."""
 _SIDES = {"high": ("largest", SERIES[0]), "low": ("smallest", SERIES[1])}
@@ -142,7 +145,7 @@ class _Extreme(NamedTuple):
 def _extremes(envelope, of):
     """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
     found = {}
-    largest = largest_of_kind(envelope, of)
+    largest = largest_size(envelope, _kind_of(of))
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
         values = [np.ravel(np.asarray(x, float)) for x in _leaves(getattr(envelope, side)[of])]
         cases = [np.ravel(np.asarray(x)) for x in _leaves(getattr(envelope, f"{side}_case")[of])]
@@ -157,15 +160,15 @@ def _extremes(envelope, of):
     return found
 
 
-def largest_of_kind(envelope: ResultEnvelope, of: str) -> float:
-    """Return the largest size of a result in an envelope; 0 without any.
-
-    Of a section force it is that of all forces, or of all moments.
-    """
-    kinds = ("N", "Vy", "Vz"), MOMENTS
-    names = next((kind for kind in kinds if of in kind), (of,))
+def largest_size(envelope: ResultEnvelope, names: Sequence[str]) -> float:
+    """Return the largest size of some results of one kind in an envelope; 0 without any."""
     every = [x for s in _SIDES for name in names for x in _leaves(getattr(envelope, s).get(name))]
     return max((float(np.nanmax(np.abs(x), initial=0.0)) for x in every), default=0.0)
+
+
+def _kind_of(of):
+    """Return the names of results that are compared with one: all forces, all moments, or it."""
+    return next((kind for kind in KINDS if of in kind), (of,))
 
 
 def _leaves(tree):
@@ -176,7 +179,7 @@ def _leaves(tree):
 def _draw_section_force(stage, envelope, of, high):
     """Draw the largest and the smallest section force along all beams."""
     structure = stage.structure
-    kind = largest_of_kind(envelope, of)
+    kind = largest_size(envelope, _kind_of(of))
     values = {
         side: zero_negligible(np.concatenate(_leaves(getattr(envelope, side)[of])), kind)
         for side in _SIDES

@@ -15,7 +15,7 @@ from ..common.units import UnitsLike
 from ..design import envelope, utilization
 from ..elements.abilities import Bending
 from ..model.structure import Structure
-from .envelopes import envelope_diagram, largest_of_kind
+from .envelopes import KINDS, envelope_diagram, largest_size
 from .model_pictures import model
 from .nets import net
 
@@ -93,10 +93,10 @@ def for_report(
             names=[name] if len(case.phases) == 1 else None,
             units=units,
         )
-    for kind in (("N", "Vy", "Vz"), ("T", "My", "Mz")):
+    for kind in KINDS:
+        worth = _WORTH * largest_size(extremes, kind)
         for name in kind:
-            worth = _WORTH * largest_of_kind(extremes, name)
-            if name != "N" and _largest_size(extremes, name) > worth:
+            if name != "N" and largest_size(extremes, [name]) > worth:
                 found[f"Envelope of {name} over all cases"] = envelope_diagram(
                     structure, extremes, name, units=units
                 )
@@ -112,9 +112,3 @@ def _case_of_largest_utilization(structure, cases):
     most = np.max([np.asarray(x).max(axis=1, initial=0.0) for x in used], axis=0)
     most = np.where(np.asarray(cases.status) == status.OK, most, -np.inf)
     return int(np.nanargmax(most)) if np.nanmax(most) > 0 else None
-
-
-def _largest_size(extremes, name):
-    """Return the largest size of a section force in an envelope, 0 without beams."""
-    values = [np.asarray(x) for x in jax.tree.leaves(extremes.values.get(name))]
-    return max((float(np.nanmax(np.abs(x))) for x in values if x.size), default=0.0)

@@ -102,8 +102,9 @@ def report(
         act on the structure; a component that is not supported has no value. Section forces of
         beams are given at both ends, with the smallest and the largest along the element, and their
         envelope over the ends of phases or the cases; stresses over all load steps, because every
-        increment records strains. Inactive elements have no values. Unstressed lengths are at the
-        temperature before the first phase.
+        increment records strains. Inactive elements have no values. Numbers that are rounding
+        errors beside the others of their kind are zero, also in files. Unstressed lengths are at
+        the temperature before the first phase.
 
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another

@@ -155,12 +155,8 @@ def tables_without_noise(tables: Mapping[str, Table]) -> dict[str, Table]:
     cells = {name: _sizes_by_unit(table) for name, table in tables.items()}
     largest = {unit: max([1.0, *(s.get(unit, 0.0) for s in cells.values())]) for unit in _FORCES}
     largest["N m"] = max(largest["N m"], _LEVER * largest["N"])
-    least = {
-        name: {unit: NEGLIGIBLE * size for unit, size in (own | largest).items()}
-        for name, own in cells.items()
-    }
     return {
-        name: dataclasses.replace(table, rows=_rows_without_noise(table, least[name]))
+        name: dataclasses.replace(table, rows=_rows_without_noise(table, cells[name] | largest))
         for name, table in tables.items()
     }
 
@@ -183,11 +179,13 @@ def _sizes_by_unit(table):
     return sizes
 
 
-def _rows_without_noise(table, least):
-    """Return the rows of a table, with zero for numbers of at most the size `least`, by unit."""
+def _rows_without_noise(table, most):
+    """Return the rows of a table, with zero for numbers negligible beside `most`, by unit."""
     return [
         [
-            0.0 if isinstance(value, float) and abs(value) <= least.get(unit, 0.0) else value
+            0.0
+            if isinstance(value, float) and abs(value) <= NEGLIGIBLE * most.get(unit, 0)
+            else value
             for unit, value in zip(_units_of_row(table, row), row, strict=True)
         ]
         for row in table.rows

@@ -57,13 +57,9 @@ def _document_data(document):
         "facts": document.facts,
         "summary": document.summary,
         "pictures": _picture_rows(document.pictures),
+        "middle": middle,
         "runs": [
-            {
-                "landscape": wide,
-                "tables": [
-                    _table_data(table) | {"middle": table.name == middle} for _, table in pairs
-                ],
-            }
+            {"landscape": wide, "tables": [_table_data(table) for _, table in pairs]}
             for wide, pairs in runs
         ],
     }
@@ -98,4 +94,4 @@ def _table_data(table) -> dict[str, Any]:
         }
         for part in table.parts
     ]
-    return {"title": table.title, "parts": parts, "notes": table.notes}
+    return {"name": table.name, "title": table.title, "parts": parts, "notes": table.notes}
