@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.activation import make_activation
 from ..analysis.preparation import prepare
+from ..common.negligible import vector_text
 from ..common.units import SI
 from ..elements import Bars, Bearings, Cables, Contacts, Springs
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
@@ -20,7 +21,6 @@ from ..reporting.load_descriptions import (
     format_range,
     range_text,
     range_with_unit,
-    vector_text,
 )
 from ..reporting.phase_descriptions import (
     describe_activation,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..common.negligible import vector_text
 from ..common.types import Bool, Float, Int
 from ..common.units import SI, Units
 from .crossings import find_crossings, find_nodes_on_links, link_lengths
@@ -145,7 +146,7 @@ def _first_crossing(nodes, links, found):
 
 def format_position(node: Float[np.ndarray, " 3"], units: Units = SI) -> str:
     """Return the position of a node, m, as text in `units`: "(x, y, z) m"."""
-    return f"({', '.join(f'{x:.6g}' for x in units.from_si(node + 0.0, 'm'))}) {units.length}"
+    return f"{vector_text(units.from_si(node, 'm'))} {units.length}"
 
 
 def _format_millimetres(distance):

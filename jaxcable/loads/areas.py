@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.negligible import vector_text
 from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
@@ -97,8 +98,8 @@ class AreaLoads(OnFaces, Measured):
         forces, factor = (checks.array_if_known(x) for x in (self.forces, self.factor))
         if forces is None or factor is None or forces.ndim != 1 or factor.ndim:
             return f"AreaLoads{where} (per {self.per} area)"
-        size = ", ".join(f"{x:.6g}" for x in units.from_si(forces * factor, "N/m2"))
-        return f"AreaLoads{where}: ({size}) {units.name('N/m2')} (per {self.per} area)"
+        size = vector_text(units.from_si(forces * factor, "N/m2"))
+        return f"AreaLoads{where}: {size} {units.name('N/m2')} (per {self.per} area)"
 
     def element_forces(
         self,

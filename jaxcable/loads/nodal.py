@@ -6,6 +6,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..common.units import SI, Units
@@ -92,14 +93,11 @@ class NodalLoads(OnNodes):
             return "NodalLoads"
         forces = np.broadcast_to(forces, (len(self.nodes), 3))
         largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-        total, unit = forces.sum(axis=0), units.name("N")
-        rounding = 64 * np.finfo(total.dtype).eps * largest
-        total, single = np.where(np.abs(total) < rounding, 0.0, total), ""
-        if largest > np.linalg.norm(total) + rounding:
+        total, unit, single = zero_negligible(forces.sum(axis=0), largest), units.name("N"), ""
+        if largest > np.linalg.norm(total) * (1.0 + NEGLIGIBLE):
             single = f"up to {units.from_si(largest, 'N'):.6g} {unit}, "
-        shown = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
         count = f"{len(self.nodes)} node" + "s" * (len(self.nodes) != 1)
-        return f"NodalLoads on {count}, {single}sum ({shown}) {unit}"
+        return f"NodalLoads on {count}, {single}sum {vector_text(units.from_si(total, 'N'))} {unit}"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""

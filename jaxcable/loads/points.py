@@ -11,6 +11,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.negligible import vector_text
 from ..common.rules import Rule, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
@@ -249,8 +250,8 @@ class PointLoads(WithinElements):
         if forces is None:
             return "PointLoads"
         total = np.broadcast_to(forces, (len(self.elements), 3)).sum(axis=0)
-        total = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
-        return f"PointLoads at {len(self.elements)} places, sum ({total}) {units.name('N')}"
+        total = vector_text(units.from_si(total, "N"))
+        return f"PointLoads at {len(self.elements)} places, sum {total} {units.name('N')}"
 
 
 def _place_rule(places):

@@ -9,6 +9,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.negligible import vector_text
 from ..common.rules import Rule, not_negative, refuse_if_broken
 from ..common.selection import Selection
 from ..common.tree import copy_with, pytree, set_fields
@@ -217,7 +218,7 @@ class WindLoads(OnGroups, Measured):
         direction = checks.array_if_known(self.direction)
         towards = ""
         if direction is not None:
-            towards = f" towards ({', '.join(f'{x:.6g}' for x in direction)})"
+            towards = f" towards {vector_text(direction)}"
         where = "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
         iced = "" if self.ice is None else ", iced"
         return f"WindLoads{where}{towards}: {self.profile.describe(units)}{iced}"

@@ -119,7 +119,9 @@ def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
     lines = ElementLines(axes, seen, snapshots, scale)
     lines.show(shots[0])
     held = [shot.support_kinds(seen.normal) for shot in shots]
-    handles = line_legend(forces, bool(start.has_known_shape().any()), counted=False)
+    handles = scale.legend() + line_legend(
+        forces, bool(start.has_known_shape().any()), counted=False
+    )
     handles += support_legend(np.any(held, axis=0))
     finish_layout(figure, slots, lines.taut, scale.label, handles)
     images = []

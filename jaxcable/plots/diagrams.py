@@ -14,6 +14,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float, Int
 from ..common.units import SI, Units, UnitsLike, as_units
 from ..elements.abilities import POINT_LOADS
@@ -37,6 +38,7 @@ from .ordinates import (
     keep_inside,
     positive_side_directions,
     side_directions_in_picture,
+    view_of_ordinates,
     write_values,
 )
 from .snapshots import Snapshot, Snapshots
@@ -49,7 +51,6 @@ _HIGH = 0.12  # length of the largest value over the extent of the structure
 _MOST_JUMPS = 200  # places of loads in a group, from which on jumps are drawn as slopes
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
-_ROUNDING = 1e-9  # value over the largest force, or moment, up to which it is rounding
 MOMENTS = "T", "My", "Mz"
 _COLORS = {"positive": SERIES[0], "negative": SERIES[1]}
 
@@ -86,7 +87,8 @@ def diagram(
             stated `up`, beams and catenaries are chords, and it is not known which nodes rotate.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
         phase: number of a phase, from 0, whose end is drawn instead; `sequence` draws all of them.
-        view: "plan", "elevation" or "space"; default that of `net`.
+        view: "plan", "elevation" or "space"; default an elevation of masts and towers, in which
+            the ordinates have their true length, else that of `net`.
         names: names of the phases for the title, as of `net`.
         high: length of the largest value over the extent of the structure.
         supports: whether to mark supports.
@@ -115,7 +117,8 @@ def diagram(
     shown = snapshots.state_to_draw(state, phase)
     snapshot, title = snapshots.of_state(shown), snapshots.title(int(shown.phase), shown)
     seen = choose_view(snapshot.points(), view, space=True, units=stated or SI)
-    found = ForceDiagrams(snapshots, [snapshot], of, high, seen, units=stated)
+    found = ForceDiagrams(snapshots, [snapshot], of, high, seen, units=stated, turns=view is None)
+    seen = found.view
     points = np.concatenate([snapshot.points(), found.points()])
     name = title if names is not None else title[0].lower() + title[1:]
     title = f"{of} ({found.unit}), {name}" + ("" if found.largest > 0.0 else ": zero")
@@ -145,8 +148,10 @@ class ForceDiagrams:
         apart: least distance of written values over the extent.
         least: least size of written values, over the largest value of all pictures.
         units: `Units` of written values; None for N, kN or MN.
+        turns: whether the view becomes that of `view_of_ordinates`.
 
     Attributes:
+        view: `View` of the pictures.
         largest: size of the largest value in all pictures, N or N m.
         unit: unit of the values that are written, such as "kN m".
 
@@ -165,14 +170,18 @@ class ForceDiagrams:
         apart: float = _APART,
         least: float = 0.0,
         units: Units | None = None,
+        turns: bool = False,
     ):
         if of not in SECTION_FORCES.components:
             raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
         if not high > 0:
             raise ValueError(f"high = {high!r}: must be positive")
-        self.component, self.view, self.links = of, view, found.links
+        self.component, self.links = of, found.links
         self._along = [_BeamForces(found.parts, snapshot, of) for snapshot in snapshots]
         self.largest = max(each.largest for each in self._along)
+        if turns:
+            view = self._along[-1].view_of_ordinates(view)
+        self.view = view
         unit = "N m" if of in MOMENTS else "N"
         self._factor, self.unit = quantity_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
@@ -232,7 +241,7 @@ class _BeamForces:
         kept = snapshot.forces.present[number]
         forces, ends, number = forces[kept], ends[kept], number[kept]
         alike = slice(3, 6) if of in MOMENTS else slice(0, 3)
-        self.least = _ROUNDING * float(np.abs(forces[..., alike]).max(initial=0.0))
+        self.least = NEGLIGIBLE * float(np.abs(forces[..., alike]).max(initial=0.0))
         values = forces[..., SECTION_FORCES.components.index(of)]
         self.values = np.where(np.abs(values) > self.least, values, 0.0)
         self.largest = float(np.abs(self.values).max(initial=0.0))
@@ -246,6 +255,10 @@ class _BeamForces:
             self._base = self._base + hermite_cubic(curves.bend[rows], places)
             axes = curves.axes[rows]
         self._sides = positive_side_directions(axes, self._chord, of)
+
+    def view_of_ordinates(self, view: View) -> View:
+        """Return a view, or the elevation that shows the ordinates of upright beams."""
+        return view_of_ordinates(view, self._chord, self._sides)
 
     def value_tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
         """Return the ends of the ordinates of all values in a view, m.

@@ -9,13 +9,12 @@ import jax
 import numpy as np
 
 from .. import design
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..elements.element import PRESENT, Element
 from ..model.result_parts import ResultColumn, result_columns, slack_elements
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
-
-_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
 
 
 class ElementForces:
@@ -24,7 +23,7 @@ class ElementForces:
     Args:
         element_results: results of elements by name, each in the shape of the elements, as in
             `Results.element_results`.
-        parts: element groups, or the parts of a `Topology`.
+        parts: the parts of a `Topology`.
         structure: `Structure`, or None; it says which elements are cables.
         color: "tension", "utilization", or the label of another `parts.ResultColumn`.
 
@@ -34,6 +33,7 @@ class ElementForces:
         slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
         value: values that color the elements, [n_elem]; NaN where they are not known.
         color, unit: name and unit of these values.
+        group, labels: index of the group of each element, [n_elem], and what each group is called.
 
     Raises:
         ValueError: the color is "utilization", and there is no structure, or no strength.
@@ -42,7 +42,7 @@ class ElementForces:
     def __init__(
         self,
         element_results: Mapping[str, Any],
-        parts: Sequence[Element | GroupTopology],
+        parts: Sequence[GroupTopology],
         structure: Structure | None = None,
         color: str = "tension",
     ):
@@ -55,7 +55,7 @@ class ElementForces:
             found = zip(structure.groups, *own, strict=True)
             self.slack = np.concatenate([slack_elements(*each) for each in found])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
-        self.compressed = ~self.slack & (self.tension < -_ROUNDING * largest)
+        self.compressed = ~self.slack & (self.tension < -NEGLIGIBLE * largest)
         if color == "utilization":
             column = _utilization_column(structure, element_results)
         else:
@@ -63,6 +63,8 @@ class ElementForces:
             column = labelled.get(color, ResultColumn(color, "N", [None] * len(parts)))
         self.value = np.where(self.present, concatenate_values(column.values, parts), np.nan)
         self.color, self.unit = color, column.unit
+        self.group = np.repeat(np.arange(len(parts)), [len(part.links.array) for part in parts])
+        self.labels = [part.name.strip("[]'") for part in parts]
 
 
 def all_result_columns(

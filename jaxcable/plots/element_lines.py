@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,38 +12,50 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
-from ..common.types import Bool
+from ..common.negligible import NEGLIGIBLE
+from ..common.types import Bool, Float, Int
 from ..common.units import Units
 from .element_curves import Links, picture_lines, select_lines
 from .element_forces import ElementForces
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SLACK, color_map, quantity_unit
+from .style import GHOST, INK, SLACK, color_map, format_value, quantity_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
-_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
+_SWAMPED = (
+    0.01,
+    0.25,
+)  # largest force of a group over that of all, with which groups have own colors
+_DIGITS = 1e-3  # of the largest force of a group: less is zero in the legend
+_MANY = 1 / 3  # share of the elements that are in such groups
 _REACHED = 1e-6  # utilization above 1 that is rounding: the breaking force is just reached
 
 
 class ColorScale:
     """The color scale of elements that several pictures share.
 
+    Where the forces of many elements are small beside those of other groups, colors are shares of
+    the largest force of each group, and the legend has the forces.
+
     Args:
-        forces: `ElementForces` of the pictures.
+        forces: `ElementForces` of the pictures, or `ColoredValues`.
         units: `Units` of the numbers; None for SI, of which forces are in N, kN or MN.
 
     Attributes:
-        factor: factor from the values to the numbers on the color bar.
+        factor: factor from the values to the numbers of texts and, but for shares, the color bar.
+        name, unit: name of the values, and the unit of these numbers.
         label: label of the color bar, with unit.
         look: color map and norm, as arguments of matplotlib's collections.
     """
 
-    def __init__(self, forces: Sequence[ElementForces], units: Units | None = None):
+    def __init__(self, forces: Sequence[ElementForces | ColoredValues], units: Units | None = None):
         color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
         cmap: Any = color_map()
+        self.name, self.unit = color.replace("_", " "), "%"
+        self._ranges = None
         if color == "utilization":
             # the bar is from 0 to 100 % whatever occurs; what is more has another color, named
             # with a margin for rounding: a force that has been brought to the strength is not over
@@ -53,19 +65,66 @@ class ColorScale:
                 self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"
             low, high = 0.0, 100.0 * (1.0 + _REACHED)
         else:
-            self.factor, unit = quantity_unit(max(abs(low), abs(high)), forces[0].unit, units)
-            signed = ", tension positive" if low < -_ROUNDING * max(abs(low), abs(high)) else ""
-            name = color.replace("_", " ")
-            if color == "tension":
-                name = "axial force" if signed else "tension"
-            else:
-                signed = ""
-            self.label = f"{name} ({unit}){signed}"
+            most = max(abs(low), abs(high))
+            self.factor, self.unit = quantity_unit(most, forces[0].unit, units)
+            signed = ""
+            if color == "tension" and low < -NEGLIGIBLE * most:
+                self.name, signed = "axial force", ", tension positive"
+            self.label = f"{self.name} ({self.unit})".removesuffix(" ()") + signed
             low, high = self.factor * low, self.factor * high
+            self._ranges = _swamped_ranges(forces) if color == "tension" else None
+            if self._ranges is not None:
+                self._labels = forces[0].labels
+                self.label, low, high = f"{self.name}, % of the largest of its group", 0.0, 100.0
             if high - low <= 1e-9 * max(abs(high), 1.0):
                 width = max(0.05 * abs(high), 1e-3)
                 low, high = low - width, high + width
         self.look = {"cmap": cmap, "norm": Normalize(low, high)}
+
+    def numbers(self, forces: ElementForces | ColoredValues) -> Float[np.ndarray, " n_elem"]:
+        """Return the numbers on the color bar of all elements in one of the pictures, [n_elem]."""
+        if self._ranges is None:
+            return self.factor * forces.value
+        sizes = np.maximum(np.abs(self._ranges).max(axis=1), 1e-300)
+        return 100.0 * np.abs(forces.value) / sizes[forces.group]
+
+    def legend(self) -> list[Line2D]:
+        """Return a legend entry with the range of forces for each group; [] without shares."""
+        if self._ranges is None:
+            return []
+        texts = [
+            f"{label}: {' to '.join(dict.fromkeys(map(format_value, ends)))} {self.unit}"
+            for label, ends in zip(self._labels, self.factor * self._ranges, strict=True)
+            if np.isfinite(ends[0])
+        ]
+        return [Line2D([], [], linestyle="", label=text) for text in texts]
+
+
+class ColoredValues(NamedTuple):
+    """Values that color elements, as `ElementForces` has them, of something that is no solution."""
+
+    value: Float[np.ndarray, " n_elem"]
+    color: str
+    unit: str
+    group: Int[np.ndarray, " n_elem"]
+    labels: list[str]
+
+
+def _swamped_ranges(forces):
+    """Return the smallest and largest value of each group in all pictures, [n_group, 2], or NaN.
+
+    Return None unless many elements are in groups that another one swamps.
+    """
+    values, group = np.stack([f.value for f in forces], axis=1), forces[0].group
+    own = [values[group == k] for k in range(len(forces[0].labels))]
+    known = [x[np.isfinite(x)] for x in own]
+    ranges = np.array([[x.min(), x.max()] if len(x) else [np.nan, np.nan] for x in known])
+    sizes = np.abs(ranges).max(axis=1)
+    most = np.nanmax(sizes, initial=0.0)
+    small = (sizes > _SWAMPED[0] * most) & (sizes < _SWAMPED[1] * most)
+    if small[group].mean() <= _MANY:
+        return None
+    return np.where(np.abs(ranges) < _DIGITS * sizes[:, None], 0.0, ranges)
 
 
 class ElementLines:
@@ -106,13 +165,13 @@ class ElementLines:
         taut = forces.present[element] & ~slack
         self.casing.set_segments(select_lines(drawn, compressed))
         self.taut.set_segments(select_lines(drawn, taut))
-        self.taut.set_array(self.scale.factor * forces.value[element][taut])
+        self.taut.set_array(self.scale.numbers(forces)[element][taut])
         self.slack.set_segments(select_lines(drawn, slack))
         corners, element = self.faces
         if len(corners):
             there = forces.present[element]
             self.surface.set_verts(self.view.project(snapshot.positions)[corners[there]])
-            self.surface.set_array(self.scale.factor * forces.value[element][there])
+            self.surface.set_array(self.scale.numbers(forces)[element][there])
 
 
 def draw_earlier_geometry(

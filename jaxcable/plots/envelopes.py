@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..common import checks
+from ..common.negligible import zero_negligible
 from ..common.units import SI, UnitsLike, as_units
 from ..design.result_envelopes import ResultEnvelope
 from ..elements import Beams
 from ..elements.abilities import Bending
 from ..elements.element import SECTION_FORCES
-from ..model.result_parts import end_nodes
+from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
 from .element_forces import concatenate_values, values_by_group
-from .element_lines import line_width
+from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
 from .nets import round_magnification
 from .ordinates import (
@@ -34,13 +35,14 @@ from .ordinates import (
     side_directions_in_picture,
     write_values,
 )
-from .style import GHOST, INK, SERIES, color_map, finish_figure, quantity_unit
+from .style import GHOST, INK, SERIES, finish_figure, format_value, quantity_unit
 from .symbols import draw_supports, support_legend
 from .undeformed import UndeformedStructure
 
 _HIGH = 0.12  # length of the largest value over the extent of the structure, as of `diagram`
 _LABELS, _APART = 9, 0.12  # values that are written, and their distance over the extent
-_ROUNDING = 1e-9  # value over the largest one up to which it is rounding
+KINDS = ("N", "Vy", "Vz"), MOMENTS
+"""Section forces of a kind."""
 _UNITS = {"tension": "N", "sag": "m"}
 """Units of results that elements have one of each."""
 _SIDES = {"high": ("largest", SERIES[0]), "low": ("smallest", SERIES[1])}
@@ -76,7 +78,8 @@ def envelope_diagram(
 
     Options:
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
-            vertical plane, else space.
+            vertical plane, else space; of section forces and displacements of masts and towers the
+            elevation that shows them in their true length.
         high: length of the largest section force over the extent of the structure.
         supports: whether to mark supports.
         units: units of coordinates and values, as of `net`.
@@ -142,21 +145,30 @@ class _Extreme(NamedTuple):
 def _extremes(envelope, of):
     """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
     found = {}
-    every = [np.ravel(np.asarray(x)) for s in _SIDES for x in _leaves(getattr(envelope, s)[of])]
-    largest = np.nanmax(np.abs(np.concatenate(every)), initial=0.0)
+    largest = largest_size(envelope, _kind_of(of))
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
         values = [np.ravel(np.asarray(x, float)) for x in _leaves(getattr(envelope, side)[of])]
         cases = [np.ravel(np.asarray(x)) for x in _leaves(getattr(envelope, f"{side}_case")[of])]
         value, case = np.concatenate(values), np.concatenate(cases)
         if np.isfinite(value).any():
             k = pick(value)
-            negligible = abs(value[k]) <= _ROUNDING * largest
             found[side] = _Extreme(
-                0.0 if negligible else float(value[k]), envelope.names[int(case[k])]
+                float(zero_negligible(value[k], largest)), envelope.names[int(case[k])]
             )
     if not found:
         raise ValueError(f"of = {of!r}: has no value in any case")
     return found
+
+
+def largest_size(envelope: ResultEnvelope, names: Sequence[str]) -> float:
+    """Return the largest size of some results of one kind in an envelope; 0 without any."""
+    every = [x for s in _SIDES for name in names for x in _leaves(getattr(envelope, s).get(name))]
+    return max((float(np.nanmax(np.abs(x), initial=0.0)) for x in every), default=0.0)
+
+
+def _kind_of(of):
+    """Return the names of results that are compared with one: all forces, all moments, or it."""
+    return next((kind for kind in KINDS if of in kind), (of,))
 
 
 def _leaves(tree):
@@ -167,8 +179,9 @@ def _leaves(tree):
 def _draw_section_force(stage, envelope, of, high):
     """Draw the largest and the smallest section force along all beams."""
     structure = stage.structure
+    kind = largest_size(envelope, _kind_of(of))
     values = {
-        side: np.concatenate([np.asarray(x) for x in _leaves(getattr(envelope, side)[of])])
+        side: zero_negligible(np.concatenate(_leaves(getattr(envelope, side)[of])), kind)
         for side in _SIDES
     }
     extremes = _extremes(envelope, of)
@@ -179,6 +192,7 @@ def _draw_section_force(stage, envelope, of, high):
     chord = stage.nodes[ends]
     base = (1 - places[:, None]) * chord[:, :1] + places[:, None] * chord[:, 1:]
     sides = positive_side_directions(axes_of_beams, chord, of)
+    stage.turn_to(chord, sides)
     sides = side_directions_in_picture(sides, chord[:, 1] - chord[:, 0], stage.view)
     scale = high * stage.extent / max(largest, 1e-300)
     tips = {
@@ -200,7 +214,7 @@ def _draw_section_force(stage, envelope, of, high):
         axes.add_collection(area(quads, zorder=2, **look), autolim=False)
         stage.view.add_lines(axes, top, colors=color, linewidths=1.0, zorder=3)
         extreme = extremes[side]
-        text = f"{word} {of}: {factor * extreme.value:.4g} {unit}, {extreme.case}"
+        text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
     written = choose_values_to_write(
@@ -230,6 +244,7 @@ def _draw_displacements(stage, envelope):
     moved = np.asarray(envelope.values["displacement"], float)
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
+    stage.turn_to(stage.nodes[_beams(stage.structure, stage.nodes)[0]], moved[case])
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
@@ -266,32 +281,30 @@ def _draw_element_values(stage, envelope, of):
                 f"of = {of!r}: has no number for each element; drawn are section forces, "
                 '"displacement", and results such as "tension"'
             )
+    group = np.repeat(np.arange(len(groups)), [len(one.links) for one in groups])
+    labels = [label for label, _ in named_groups_of(structure)]
     values = {
-        side: concatenate_values(getattr(envelope, side)[of], structure.groups) for side in _SIDES
+        side: ColoredValues(
+            concatenate_values(getattr(envelope, side)[of], groups),
+            of,
+            _UNITS.get(of, ""),
+            group,
+            labels,
+        )
+        for side in _SIDES
     }
     extremes = _extremes(envelope, of)
-    largest = max(abs(extreme.value) for extreme in extremes.values())
-    si = _UNITS.get(of, "")
-    factor, unit = quantity_unit(largest, si, stage.units) if si else (1.0, "")
-    shown = f" ({unit})" if unit else ""
-    every = factor * np.concatenate(list(values.values()))
-    low, high = np.nanmin(every), np.nanmax(every)
-    if high - low <= 1e-9 * max(abs(high), 1e-300):
-        low, high = low - 0.05 * max(abs(low), 1e-3), high + 0.05 * max(abs(high), 1e-3)
-    look: Any = {"cmap": color_map(), "norm": Normalize(low, high)}
-    name, signed = of, ""
-    if of == "tension" and low < -_ROUNDING * high:
-        name, signed = "axial force", ", tension positive"
-    titles = [f"{word} {name}" for word, _ in _SIDES.values()]
+    scale = ColorScale(list(values.values()), stage.units)
+    titles = [f"{word} {scale.name}" for word, _ in _SIDES.values()]
     view = stage.view
     figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
     width = line_width(len(stage.links))
-    handles: list[Any] = []
+    handles: list[Any] = scale.legend()
     for axes, (side, (word, _)) in zip(figure.axes, _SIDES.items(), strict=True):
-        lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **look)
-        lines.set_array(factor * values[side][stage.element])
+        lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **scale.look)
+        lines.set_array(scale.numbers(values[side])[stage.element])
         extreme = extremes[side]
-        text = f"{word} {name}: {factor * extreme.value:.4g} {unit}".rstrip()
-        text += f", {extreme.case}"
+        number = f"{format_value(scale.factor * extreme.value)} {scale.unit}".rstrip()
+        text = f"{word} {scale.name}: {number}, {extreme.case}"
         handles.append(Line2D([], [], linestyle="", label=text))
-    return figure, handles, slots, (lines, f"{name}{shown}{signed}")
+    return figure, handles, slots, (lines, scale.label)

@@ -17,7 +17,7 @@ from .views import View
 Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
 
 _GAP = 0.1  # inches, around everything
-_BAR = 0.68  # inches, height of the color bar with its numbers and label
+_BAR = 0.74  # inches, height of the color bar with its numbers and label
 _TITLE = 0.25  # inches, height of a title
 _ROUNDS = 3
 """Rounds of measuring and placing: labels keep their size when axes change theirs."""
@@ -102,7 +102,7 @@ def finish_layout(
     total = height + room
     figure.set_size_inches(width, total)
     if mappable is not None:
-        below = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
+        below = figure.add_axes((0.2, (room + 0.48) / total, 0.6, 0.12 / total))
         figure.colorbar(mappable, cax=below, orientation="horizontal", label=label)
     set_text_size(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
@@ -137,7 +137,7 @@ def _place_legend(figure, handles, width):
         )
         size = legend.get_window_extent()
         if columns == 1 or size.width / figure.dpi <= width - 2 * _GAP:
-            return size.height / figure.dpi + 0.05
+            return size.height / figure.dpi + 0.12
         legend.remove()
 
 

@@ -36,6 +36,7 @@ def model(
     numbers: bool = True,
     view: str | None = None,
     supports: bool = True,
+    heights: float | None = 1.0,
     units: UnitsLike | None = None,
 ) -> Figure:
     """Draw a structure as it is in the input: its groups, supports, and numbers.
@@ -53,6 +54,7 @@ def model(
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
             vertical plane, plan of one that is low, else space.
         supports: whether to mark supports.
+        heights: factor on heights in elevations, as of `net`.
         units: units of the coordinates, as of `net`.
 
     Returns:
@@ -70,7 +72,8 @@ def model(
     """
     if view is None and choose_view(np.asarray(structure.nodes, float)).kind == "plan":
         view = "plan"  # of a structure that is low
-    stage = UndeformedStructure(structure, view, None if units is None else as_units(units))
+    stated = None if units is None else as_units(units)
+    stage = UndeformedStructure(structure, view, stated, heights)
     figure, slots = arrange_pictures([stage.view], [stage.nodes], ["structure: " + stage.view.kind])
     (axes,) = figure.axes
     width = _THIN * line_width(len(stage.links))
@@ -90,8 +93,7 @@ def model(
     finish_layout(figure, slots, None, "", handles)
     left_out = _write_numbers(axes, stage) if numbers else 0
     if left_out:
-        which = "1 number" if left_out == 1 else f"{left_out} numbers"
-        text = f"{axes.get_title()}, without {which} that would cover others"
+        text = f"{axes.get_title()}; numbers left out: {left_out}"  # they would cover others
         axes.title.set_text(text)  # where the layout has put it
     return finish_figure(figure, path)
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution, State
-from ..common.types import Float
+from ..common.types import ArrayLike, Float
 from ..common.units import SI, UnitsLike, as_units
 from ..model.structure import Structure
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
@@ -25,9 +25,7 @@ from .symbols import (
     section_axis_legend,
     support_legend,
 )
-from .views import choose_view
-
-_ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
+from .views import choose_view, round_factor
 
 
 def net(
@@ -45,6 +43,8 @@ def net(
     loads: bool = True,
     reactions: bool = False,
     axes: bool = False,
+    ground: Float[ArrayLike, "n 3"] | None = None,
+    heights: float | None = 1.0,
     units: UnitsLike | None = None,
 ) -> Figure:
     """Draw a structure in plan before and in space after loading, colored by tension.
@@ -94,6 +94,10 @@ def net(
             drawn.
         axes: whether to draw the axes x, y and z of the sections of beams at their middles, a dot
             for an axis that is seen end on; needs `structure`.
+        ground: points of the ground along a line, [n, 3], m, as of `results.clearance_over_ground`,
+            drawn in elevations and in space.
+        heights: factor on heights in elevations, such as 5.0 for the spans of a line; None for a
+            round factor, 1 of a structure that is not low.
         units: units of coordinates and values, such as "kip, ft" (see `files.Units`); default: SI,
             with forces in N, kN or MN.
 
@@ -119,14 +123,15 @@ def net(
     snapshots = Snapshots(solution, structure, color, names)
     shown = snapshots.state_to_draw(state, phase)
     stages = _stages_before_and_after(snapshots, shown, magnify)
-    views = _choose_views(stages, view, stated or SI)
+    profile = np.zeros((0, 3)) if ground is None else np.asarray(ground, float).reshape(-1, 3)
+    views = _choose_views(stages, view, stated or SI, profile, heights)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same
 
     kinds = [("load", loads), ("reaction", reactions)]
     asked = [name for name, wanted in kinds if wanted]
     arrows = _force_arrows(stages[-1].now, shown, views[-1], snapshots.links, asked, stated)
-    points = [stage.points() for stage in stages]
+    points = [np.concatenate([stage.points(), profile]) for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
     sections = [stage.now.section_axes() for stage in stages] if axes else []
     for number, (_, tips) in enumerate(sections):
@@ -139,6 +144,8 @@ def net(
     held = [stage.now.support_kinds(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
         draw_earlier_geometry(space, seen, snapshots.links, stage.before)
+        if len(profile) and seen.kind != "plan":
+            seen.add_ground(space, profile)
         lines = ElementLines(space, seen, snapshots, scale)
         lines.show(stage.now)
         if supports:
@@ -149,6 +156,7 @@ def net(
         kind.draw(space, views[-1])
 
     handles = line_legend(forces, any(stage.now.has_moved_from(stage.before) for stage in stages))
+    handles = scale.legend() + handles
     if supports:
         handles += support_legend(np.any(held, axis=0))
     handles += [key for kind in arrows for key in kind.legend()]
@@ -208,21 +216,21 @@ def round_magnification(
     """
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
-    if wanted < 2.0 or largest == 0.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
+    return round_factor(wanted) if largest else 1.0
 
 
-def _choose_views(stages, view, units):
+def _choose_views(stages, view, units, profile, heights):
     """Return the `View`s of the pictures before and after loading, in `units`.
 
-    `view` is the kind of the first one, "plan", "elevation" or "space", or None to choose it.
+    `view` is the kind of the first one, "plan", "elevation" or "space", or None to choose it;
+    `profile` is the ground, [n, 3], m, and `heights` the factor on heights, or None.
     """
-    everything = np.concatenate([stage.points() for stage in stages])
+    everything = np.concatenate([*(stage.points() for stage in stages), profile])
     first = choose_view(stages[0].points(), view, units=units)
-    second = choose_view(everything, space=True, units=units)
-    return [second if second.plane and view is None else first, second]
+    second = choose_view(everything, space=True, units=units, heights=heights)
+    if first.kind == "elevation":  # of one scale of heights in both
+        first = choose_view(everything, "elevation", units=units, heights=heights)
+    return [second if second.plane and view in (None, second.kind) else first, second]
 
 
 def _force_arrows(snapshot, shown, view, links, asked, units):

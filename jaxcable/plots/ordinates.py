@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Float, Int
-from .style import INK
+from .style import INK, format_value
 from .views import View
 
 _INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
+_UPRIGHT = 2.0  # height over width of all beams from which on they are seen in an elevation
 _LEAST = 0.05  # of the largest value: less is not written
 
 
@@ -23,7 +24,7 @@ def write_values(
     halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
     look: Any = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
     for place, value in written:
-        axes.text(*view.project(place), f"{factor * value:.4g}", **look)
+        axes.text(*view.project(place), format_value(factor * value), **look)
 
 
 def keep_inside(axes: Any) -> None:
@@ -83,6 +84,28 @@ def side_directions_in_picture(
     across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     along = (across * view.project(sides)).sum(axis=1, keepdims=True)
     return np.where(along < -1e-9, -across, across) @ basis
+
+
+def view_of_ordinates(
+    view: View, ends: Float[np.ndarray, "n_beam 2 3"], sides: Float[np.ndarray, "n_beam 3"]
+) -> View:
+    """Return the elevation that shows the ordinates of upright beams in their true length.
+
+    It is for masts and towers, whose ordinates hide each other in space: beams that are at least
+    twice as high as wide. Of others, and for a plane `view`, it is that view.
+
+    Args:
+        view: `View` that was chosen.
+        ends: positions of the ends of the beams, [n_beam, 2, 3], m.
+        sides: directions of the ordinates, as of `positive_side_directions`, [n_beam, 3].
+    """
+    size = np.ptp(ends.reshape(-1, 3), axis=0) if len(ends) else np.zeros(3)
+    if view.flat or size[2] <= _UPRIGHT * size[:2].max():
+        return view
+    along = np.linalg.eigh(sides[:, :2].T @ sides[:, :2])[1][:, -1]  # that of most of them
+    along = along * (-1.0 if along @ [1.0, 1e-3] < 0 else 1.0)
+    along = np.where(np.abs(along) < 1e-9, 0.0, along)
+    return View("elevation", np.append(along, 0.0), False, view.units)
 
 
 def choose_values_to_write(

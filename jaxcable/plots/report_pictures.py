@@ -10,15 +10,17 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.types import ArrayLike, Float
 from ..common.units import UnitsLike
 from ..design import envelope, utilization
+from ..elements.abilities import Bending
 from ..model.structure import Structure
-from .envelopes import envelope_diagram
+from .envelopes import KINDS, envelope_diagram, largest_size
 from .model_pictures import model
 from .nets import net
 
 _PLACES = 41  # along beams: the largest value between two of them is off by 1e-3 at most
-_ROUNDING = 1e-7  # of the largest section force of a kind: less is not drawn
+_WORTH = 1e-3  # of the largest section force of a kind: less is not drawn
 
 
 def for_report(
@@ -27,6 +29,7 @@ def for_report(
     *,
     cases: Solution | None = None,
     names: Sequence[str] | None = None,
+    ground: Float[ArrayLike, "n 3"] | None = None,
     units: UnitsLike | None = None,
 ) -> dict[str, Figure]:
     """Draw the pictures of a report: the structure, its forces, and what governs over cases.
@@ -41,6 +44,8 @@ def for_report(
     Options:
         cases: `Solution` with a leading axis [n_case], as for `report`.
         names: names of the cases, such as ``combinations.names``.
+        ground: points of the ground along a line, as of `net`. Heights of a line, a plane structure
+            without beams that is low, are magnified.
         units: units of the pictures, as of `net`.
 
     Returns:
@@ -59,10 +64,12 @@ def for_report(
     """
     if int(solution.status) != status.OK:
         return {}
+    lines = not any(isinstance(group, Bending) for group in structure.groups)
+    heights = None if lines else 1.0
     found = {
-        "Structure: groups, nodes and elements": model(structure, units=units),
+        "Structure: groups, nodes and elements": model(structure, units=units, heights=heights),
         "Forces at the end of the first and the last phase": net(
-            solution, structure=structure, units=units
+            solution, structure=structure, units=units, ground=ground, heights=heights
         ),
     }
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
@@ -86,10 +93,10 @@ def for_report(
             names=[name] if len(case.phases) == 1 else None,
             units=units,
         )
-    for kind in (("N", "Vy", "Vz"), ("T", "My", "Mz")):
-        sizes = {name: _largest_size(extremes, name) for name in kind}
-        for name, size in sizes.items():
-            if name != "N" and size > _ROUNDING * max(sizes.values()):
+    for kind in KINDS:
+        worth = _WORTH * largest_size(extremes, kind)
+        for name in kind:
+            if name != "N" and largest_size(extremes, [name]) > worth:
                 found[f"Envelope of {name} over all cases"] = envelope_diagram(
                     structure, extremes, name, units=units
                 )
@@ -105,9 +112,3 @@ def _case_of_largest_utilization(structure, cases):
     most = np.max([np.asarray(x).max(axis=1, initial=0.0) for x in used], axis=0)
     most = np.where(np.asarray(cases.status) == status.OK, most, -np.inf)
     return int(np.nanargmax(most)) if np.nanmax(most) > 0 else None
-
-
-def _largest_size(extremes, name):
-    """Return the largest size of a section force in an envelope, 0 without beams."""
-    values = [np.asarray(x) for x in jax.tree.leaves(extremes.values.get(name))]
-    return max((float(np.nanmax(np.abs(x))) for x in values if x.size), default=0.0)

@@ -168,7 +168,9 @@ class _ColoredElementPictures:
     def legend(self):
         """Return legend entries for how elements are drawn: slack, compressed, before."""
         moved = any(now.has_moved_from(before) for _, now, before in self.stages)
-        return line_legend([stage.now.forces for stage in self.stages], moved, False)
+        return self.scale.legend() + line_legend(
+            [stage.now.forces for stage in self.stages], moved, False
+        )
 
     def color_bar(self):
         """Return the drawn lines that the color bar explains, and the label of the color bar."""

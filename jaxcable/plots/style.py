@@ -149,6 +149,11 @@ def format_force(force: float, units: Units | None = None) -> str:
     return f"{force * factor:.3g} {name}"
 
 
+def format_value(value: float) -> str:
+    """Return a number as text, with four digits or, if it is large, without decimals."""
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+
+
 def legend_below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:

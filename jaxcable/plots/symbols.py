@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..common.units import Units
 from .style import AXES, INK, LOAD, REACTION, format_force
@@ -21,7 +22,6 @@ _MOST = 250  # arrows of a kind; more would touch: the largest in each cell of a
 _ON = 0.9  # cosine between arrow and element above which one hides the other: some 25 degrees
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
 _AXIS_SHARE = 0.4  # and over the length of the beam
-_SMALL = 1e-9  # force over the largest one up to which it is not drawn
 SUPPORT_MARKS = (
     ("s", INK, "clamped"),
     ("^", INK, "pinned"),
@@ -107,7 +107,7 @@ class ForceArrows:
             that would lie on an element lies on the other side of its node; if it would lie on one
             there, too, it is drawn under the elements.
         units: `Units` of the largest force in the legend; None for N, kN or MN.
-        least: a force, N; what is smaller by nine orders is rounding, and not drawn.
+        least: a force, N; what is `NEGLIGIBLE` beside it is not drawn.
 
     Attributes:
         tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
@@ -134,7 +134,7 @@ class ForceArrows:
         size = np.linalg.norm(forces, axis=1)
         self.name, self.color = name, LOAD if push else REACTION
         self.largest = float(size.max(initial=0.0))
-        node = np.flatnonzero(size > _SMALL * max(self.largest, least))
+        node = np.flatnonzero(size > NEGLIGIBLE * max(self.largest, least))
         self.count = len(node)
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:

@@ -11,6 +11,7 @@ from ..common.types import Bool, Float
 from ..common.units import SI, Units
 from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
+from .ordinates import view_of_ordinates
 from .symbols import support_kinds
 from .views import View, choose_view
 
@@ -23,6 +24,7 @@ class UndeformedStructure:
         view: "plan", "elevation", "space", or None for elevation of a structure in a vertical
             plane, else space.
         units: `Units` of the coordinates, None for SI.
+        heights: factor on heights in an elevation, or None, as of `choose_view`.
 
     Attributes:
         structure, units, view: as above; the view is a `View`.
@@ -32,10 +34,19 @@ class UndeformedStructure:
         held: which nodes are supported in which way, as of `support_kinds`, and by the ground.
     """
 
-    def __init__(self, structure: Structure, view: str | None, units: Units | None):
+    def __init__(
+        self,
+        structure: Structure,
+        view: str | None,
+        units: Units | None,
+        heights: float | None = 1.0,
+    ):
         self.structure, self.units = structure, units
+        self._is_stated = view is not None
         self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
-        self.view: View = choose_view(self.nodes, view, space=True, units=units or SI)
+        self.view: View = choose_view(
+            self.nodes, view, space=True, units=units or SI, heights=heights
+        )
         self.links, self.element, self.group = straight_pieces(structure.groups)
         self.extent = float(np.ptp(self.nodes, axis=0).max())
         fixed = np.asarray(structure.supports.fixed(structure.n_node))
@@ -46,6 +57,13 @@ class UndeformedStructure:
                 on_ground[group.links.array] = True
         held = [*kinds, on_ground & ~kinds.any(axis=0)]
         self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
+
+    def turn_to(
+        self, ends: Float[np.ndarray, "n_beam 2 3"], sides: Float[np.ndarray, "n 3"]
+    ) -> None:
+        """Take the view of `view_of_ordinates`, unless another one has been asked for."""
+        if not self._is_stated:
+            self.view = view_of_ordinates(self.view, ends, sides)
 
     def add_lines(
         self, axes: Any, positions: Float[np.ndarray, "... 3"], **look: Any

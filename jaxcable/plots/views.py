@@ -1,4 +1,4 @@
-"""Views of a structure: plan, elevation or space, always with equal scales of the axes."""
+"""Views of a structure: plan, elevation or space, with equal scales of the axes if not stated."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ __all__ = ["VIEWS", "Axes3D", "View", "choose_view"]
 VIEWS = ("plan", "elevation", "space")
 _PLANE = 1e-6  # largest distance of a plane structure from its plane, over its extent
 _HIGH = 0.5  # height over the smaller extent in plan from which on a structure is seen from a side
+_LOW = 0.3  # height over width to which heights are magnified at most
+_ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 _LEAST = 0.15  # least extent of axes over the largest one, so that a flat net has some height
 _MARGIN = 0.05  # margin on each side over the extent
 
@@ -32,16 +34,17 @@ class View:
         along: horizontal unit vector of an elevation, [3]; of a plane structure its direction.
         plane: whether the whole structure lies in one vertical plane.
         units: `Units` of the coordinates in the picture.
+        heights: factor on heights in an elevation.
 
     Attributes:
-        kind, along, plane, units: as above.
+        kind, along, plane, units, heights: as above.
         scale: factor from m to the unit of length of the picture.
         normal: unit normal vector of the plane of the structure, [3], or None.
         flat: whether the axes of the picture have two directions, rather than three.
     """
 
-    def __init__(self, kind, along=None, plane=False, units=SI):
-        self.kind, self.along, self.plane = kind, along, plane
+    def __init__(self, kind, along=None, plane=False, units=SI, heights=1.0):
+        self.kind, self.along, self.plane, self.heights = kind, along, plane, heights
         self.units, self.scale = units, units.from_si(1.0, "m")
         self.flat = kind != "space"
         self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
@@ -49,13 +52,13 @@ class View:
     def project(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2or3"]:
         """Return the coordinates of vectors [..., 3], m, in the picture, [..., 2] or [..., 3].
 
-        They are in the units of the picture.
+        They are in the units of the picture, with heights in an elevation times `heights`.
         """
         vectors = vectors if self.scale == 1.0 else self.scale * vectors
         if self.kind == "plan":
             return vectors[..., :2]
         if self.kind == "elevation":
-            return np.stack([vectors @ self.along, vectors[..., 2]], axis=-1)
+            return np.stack([vectors @ self.along, self.heights * vectors[..., 2]], axis=-1)
         return vectors
 
     def add_lines(self, axes: Axes, segments: Any, **look: Any) -> LineCollection:
@@ -68,6 +71,13 @@ class View:
         axes.add_collection(lines, autolim=False)
         return lines
 
+    def add_ground(self, axes: Any, profile: Float[np.ndarray, "n 3"]) -> None:
+        """Draw a profile of the ground, points [n, 3], m, in axes of an elevation or of space."""
+        line = self.project(profile)
+        if self.flat:
+            axes.fill_between(*line.T, axes.get_ylim()[0], color="0.93", linewidth=0, zorder=0)
+        axes.plot(*line.T, color="0.45", linewidth=1.0, zorder=0.5)
+
     def add_faces(self, axes: Axes, **look: Any) -> Any:
         """Add an empty matplotlib collection of faces to axes, and return it; the limits stay."""
         faces = (PolyCollection if self.flat else Poly3DCollection)([], **look)
@@ -77,6 +87,7 @@ class View:
     def axis_labels(self) -> tuple[str, ...]:
         """Return the labels of the two or three axes, such as "x (m)"."""
         x, y, z = (f"{name} ({self.units.length})" for name in "xyz")
+        z += "" if self.heights == 1.0 else f" x {self.heights:g}"
         if self.kind != "elevation":
             return (x, y, z)[: 2 if self.flat else 3]
         along = np.abs(self.along[:2])
@@ -125,6 +136,11 @@ class View:
             least = 3 if (high - low)[1] < 0.4 * (high - low)[0] else 6
             axes.yaxis.set_major_locator(MaxNLocator(nbins=least))
             axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
+            if self.heights != 1.0:  # round numbers are true heights
+                low, high = np.array(axes.get_ylim()) / self.heights
+                marks = MaxNLocator(nbins=least).tick_values(low, high)
+                marks = marks[(marks >= low) & (marks <= high)]
+                axes.set_yticks(self.heights * marks, [f"{mark:g}" for mark in marks])
             axes.set(xlabel=names[0], ylabel=names[1])
         else:
             axes = figure.add_axes([0.1, 0.1, 0.8, 0.8], projection="3d")
@@ -151,6 +167,7 @@ def choose_view(
     kind: str | None = None,
     space: bool = False,
     units: Units = SI,
+    heights: float | None = 1.0,
 ) -> View:
     """Return the view of a structure: of the given kind, or else elevation or plan.
 
@@ -161,7 +178,11 @@ def choose_view(
             of its extents in plan.
         space: whether to choose "space" instead, unless the structure lies in a vertical plane.
         units: `Units` of the coordinates in the picture.
+        heights: factor on heights in an elevation; None for a round one at which the picture is
+            not very low.
     """
+    if heights is not None and not heights > 0:
+        raise ValueError(f"heights = {heights!r}: must be positive, or None")
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
     along, plane = _elevation_direction(points)
@@ -169,7 +190,20 @@ def choose_view(
     if kind is None:
         high = plane or size[2] > _HIGH * min(size[:2])
         kind = "space" if space and not plane else "elevation" if high else "plan"
-    return View(kind, along, plane, units)
+    if kind != "elevation":
+        heights = 1.0
+    elif heights is None:
+        wide, high = np.ptp(View(kind, along).project(points), axis=0)
+        heights = round_factor(_LOW * wide / max(high, 1e-9 * wide, 1e-300))
+    return View(kind, along, plane, units, heights)
+
+
+def round_factor(wanted: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, the largest that is not above `wanted`; at least 1."""
+    if wanted < 2.0 or not np.isfinite(wanted):
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
 
 
 def _elevation_direction(points):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.results import Results
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..design import utilization
 from ..elements import Beams
@@ -28,7 +29,6 @@ BUCKLING = (
     "utilization in compression: force / strength; buckling is not checked here, see "
     "stiffness.buckling_factor"
 )
-_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding, as of `table`
 
 
 def axial_force_table(
@@ -102,7 +102,7 @@ def _strength_notes(structure, used, kept, known, forces):
     if not known:
         return ["no group has a strength: no utilization"]
     notes = ["utilization: force / breaking force (characteristic strength, no partial factors)"]
-    pressed = (forces < -_ROUNDING * np.nanmax(np.abs(forces), initial=0.0)).any(axis=0)
+    pressed = (forces < -NEGLIGIBLE * np.nanmax(np.abs(forces), initial=0.0)).any(axis=0)
     pairs = zip(structure.groups, used, strict=True)
     judged = [None if x is None else np.full(len(x), not g.tension_only) for g, x in pairs]
     if (pressed & (concatenate_groups(structure, judged, kept) > 0)).any():

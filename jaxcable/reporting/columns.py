@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .table import Column
-
-_NEGLIGIBLE = 1e-9  # value over the largest one of a column up to which it is rounding
 
 
 def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]:
@@ -101,7 +100,7 @@ def envelope_columns(
     columns = [Column(name, unit, governing(values), heading=heading)]
     columns += [Column(head, of, governing(array)) for head, of, array in beside]
     largest = np.nanmax(np.abs(values), axis=0, initial=0.0)
-    counts = largest > _NEGLIGIBLE * largest.max(initial=0.0)
+    counts = largest > NEGLIGIBLE * largest.max(initial=0.0)
     names = [None, *states]
     governing_states = [names[k] if c else None for k, c in zip(which, counts, strict=True)]
     shown = [name for name in governing_states if name is not None]

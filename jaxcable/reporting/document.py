@@ -16,13 +16,15 @@ from .table import Scales, Table, common_scales, table_texts
 
 # Widths in points of characters of 8 points in the serif face of the PDF: digits, which are all of
 # one width, capitals, other letters on average, and points and spaces; bold ones are wider.
-_DIGIT, _CAPITAL, _LETTER, _POINT, _BOLD = 3.8, 5.0, 3.4, 2.2, 1.1
+_DIGIT, _CAPITAL, _LETTER, _POINT, _BOLD = 3.8, 5.0, 3.4, 2.2, 1.25
 _GAP = 7.0  # between columns
 _PORTRAIT, _LANDSCAPE = 470.0, 717.0  # width of the text on A4
 _LONGEST = 34  # characters of a text, from which on it wraps
 _SHORTEST = 20  # the same where a page in portrait format is wide enough then
 _MOST_KEYS = 4
 """Columns that name a row, and are repeated where a table is split: group, element, two nodes."""
+_FEW = 15
+"""Number of rows up to which a wide table is in parts, not on a page in landscape format."""
 _PLAIN_TITLE = "Structural analysis"
 _MINUS = "\N{MINUS SIGN}"
 
@@ -151,12 +153,16 @@ def _document_table(name: str, table: Table, most: int | None, scales: Scales, u
         {k: _column_width(names[k], shown_units[k], texts[k], longest) for k in shown}
         for longest in (_LONGEST, _SHORTEST)
     )
+    least = {k: widths[k] if numeric[k] else least[k] for k in shown}
+    room, space = _PORTRAIT, least
+    if sum(least.values()) > _PORTRAIT and len(table.rows) > _FEW:
+        room, space = _LANDSCAPE, widths
     parts = []
-    for columns in _split_columns(shown, widths, [shown_units[k] for k in shown]):
+    for columns in _split_columns(shown, space, [shown_units[k] for k in shown], room):
         every: Any = names, shown_units, numeric, texts
         own_names, own_units, own_numeric, own = ([of[k] for k in columns] for of in every)
         rows = [list(row) for row in zip(*own, strict=True)]
-        wide = sum(widths[k] if numeric[k] else least[k] for k in columns) > _PORTRAIT
+        wide = sum(least[k] for k in columns) > _PORTRAIT
         parts.append(Part(own_names, own_units, own_numeric, rows, wide))
     return DocumentTable(name, table.title, parts, notes)
 
@@ -182,23 +188,30 @@ def _text_width(text):
     return _DIGIT * digits + _CAPITAL * capitals + _LETTER * letters + _POINT * others
 
 
-def _split_columns(shown, widths, units):
+def _split_columns(shown, widths, units, room):
     """Return the columns of each part of a table that fit on a page, a list of lists.
 
-    The first columns, which name the row, are in every part.
+    `room` is the width of a page, points.
+
+    The first columns, which name the row, are in every part; texts stay beside their numbers.
     """
     if not shown:
         return []
-    if sum(widths[k] for k in shown) <= _LANDSCAPE:
+    if sum(widths[k] for k in shown) <= room:
         return [shown]
     count = next((k for k, unit in enumerate(units) if unit), len(units))
     keys, others = shown[: min(count, _MOST_KEYS)], shown[min(count, _MOST_KEYS) :]
-    room = _LANDSCAPE - sum(widths[k] for k in keys)
-    parts: list[list[int]] = [[]]
+    room -= sum(widths[k] for k in keys)
+    chunks: list[list[int]] = []  # a value, and the case in which it governs behind it
     for k in others:
-        if parts[-1] and sum(widths[j] for j in parts[-1]) + widths[k] > room:
+        if units[shown.index(k)] or not chunks:
+            chunks.append([])
+        chunks[-1].append(k)
+    parts: list[list[int]] = [[]]
+    for chunk in chunks:
+        if parts[-1] and sum(widths[j] for j in (*parts[-1], *chunk)) > room:
             parts.append([])
-        parts[-1].append(k)
+        parts[-1] += chunk
     return [[*keys, *part] for part in parts]
 
 

@@ -7,6 +7,7 @@ import functools
 import jax
 import numpy as np
 
+from ..common.negligible import vector_text, zero_negligible
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
@@ -104,11 +105,6 @@ def range_text(
     return f"{format_range(converted)} {units.shown(unit)}"
 
 
-def vector_text(values: Float[np.ndarray, " n"]) -> str:
-    """Return a vector as text, such as "(0, 0, -1)"."""
-    return f"({', '.join(format_number(float(value)) for value in values)})"
-
-
 def format_number(value: float) -> str:
     """Return a number as text, with six digits."""
     return f"{value:.6g}"
@@ -118,6 +114,7 @@ def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
     """Return the range of the numbers in arrays as text, "1 to 2"; one number if all are equal."""
     if not jax.tree.leaves(arrays):
         return "none"
-    flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
+    every = [np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)]
+    flat = zero_negligible(np.concatenate(every))
     low, high = format_number(float(flat.min())), format_number(float(flat.max()))
     return low if low == high else f"{low} to {high}"

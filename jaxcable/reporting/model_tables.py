@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.activation import make_activation
 from ..analysis.phases import Phase
+from ..common.negligible import vector_text
 from ..common.types import Bool, Float
 from ..common.units import Units
 from ..elements import Bearings, Springs
@@ -18,7 +19,7 @@ from ..elements.straight import Straight
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .load_descriptions import range_with_unit, vector_text
+from .load_descriptions import range_with_unit
 from .phase_descriptions import describe_activation, describe_loads, describe_statements
 from .table import Column, Table, make_table
 
@@ -85,8 +86,7 @@ def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) 
     in_part = any(held[k : k + 3].any() and not held[k : k + 3].all() for k in (0, 3))
     if in_part and np.abs(axes - np.eye(3)).max() > _SKEW:
         words = [
-            f"{('along', 'about')[k // 3]} {vector_text(np.round(axes[k % 3], 6))}"
-            for k in np.flatnonzero(held)
+            f"{('along', 'about')[k // 3]} {vector_text(axes[k % 3])}" for k in np.flatnonzero(held)
         ]
         return ", ".join(words)
     return " ".join(name for name, is_held in zip(_FREEDOMS, held, strict=True) if is_held) or None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..model.structure import Structure
 from .axial_forces import peak_forces
@@ -18,7 +19,6 @@ from .table import Column, Table, make_table
 
 _LEAST = 3
 """Phases from which on there are these tables: two are prestress and loading, which others show."""
-_ROUNDING = 1e-9  # of the largest reaction, as of `reactions`
 _COMPONENTS = {"Rx": "N", "Ry": "N", "Rz": "N", "Mx": "N m", "My": "N m", "Mz": "N m"}
 
 
@@ -65,7 +65,7 @@ def _reaction_table(structure, phases):
     values = {name: _reactions_by_place(structure, end) for name, end in phases.items()}
     every = np.abs(np.array(list(values.values())))  # NaN: not supported, which is no reaction
     force = np.nanmax(every[..., :3], initial=0.0)
-    limits = _ROUNDING * np.repeat([force, np.nanmax(every, initial=0.0)], 3)
+    limits = NEGLIGIBLE * np.repeat([force, np.nanmax(every, initial=0.0)], 3)
     acts = (every > limits).any(axis=0)  # [n_place, 6]; NaN is not above
     rows = [
         [node, name, *(values[name][k] + 0.0)]

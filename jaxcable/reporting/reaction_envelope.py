@@ -10,13 +10,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..common.negligible import NEGLIGIBLE
 from ..model.structure import Structure
 from .columns import envelope_columns
 from .reactions import ground_rows, supported_components
 from .states import EnvelopeState
 from .table import Column, Table, make_table
 
-_ROUNDING = 1e-9  # of the largest force, or force and moment, as of `reactions`
 _COMPONENTS = {"Rx": "N", "Ry": "N", "Rz": "N", "Mx": "N m", "My": "N m", "Mz": "N m"}
 
 
@@ -47,7 +47,7 @@ def reaction_envelope_table(
     sizes = np.nan_to_num(np.abs(values)).max(
         axis=0, initial=0.0
     )  # NaN: not supported in that direction
-    limits = _ROUNDING * np.repeat([sizes[:, :3].max(initial=0.0), sizes.max(initial=0.0)], 3)
+    limits = NEGLIGIBLE * np.repeat([sizes[:, :3].max(initial=0.0), sizes.max(initial=0.0)], 3)
     acts = sizes > limits
     names = np.concatenate([nodes, ground[0].nodes])
     by = ["support"] * len(nodes) + ground[0].names

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.results import Results
 from ..analysis.solution import State
+from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
 from ..common.types import Bool, Float, Int
 from ..common.units import SI, Units
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
@@ -19,7 +20,6 @@ from .columns import envelope_columns
 from .states import EnvelopeState
 from .table import Column, Table, make_table
 
-_ROUNDING = 1e-9  # of the largest force or moment, as of `table`
 _SKEW = 1e-9  # cosine between a fixed direction and an axis from which it has a component there
 
 
@@ -83,10 +83,9 @@ def reaction_table(
         columns.insert(1, Column("by", "", ["support"] * len(nodes) + ground.names))
     title = "Support reactions (on the structure)"
     total = values[:, :3].sum(axis=0) + np.nan_to_num(ground.values[:, :3]).sum(axis=0)
-    least = _rounding_limits(np.vstack([values[:, :3], np.nan_to_num(ground.values[:, :3])]))
-    total = np.where(np.abs(total) <= least[:3] * (len(values) + len(ground.nodes)), 0.0, total)
-    numbers = ", ".join(f"{units.from_si(force, 'N'):.6g}" for force in total.tolist())
-    notes = [f"sum of the forces: ({numbers}) {units.name('N')}"]
+    sizes = np.vstack([np.abs(values[:, :3]), np.nan_to_num(np.abs(ground.values[:, :3]))])
+    total = units.from_si(zero_negligible(total, sizes.sum()), "N")
+    notes = [f"sum of the forces: {vector_text(total)} {units.name('N')}"]
     if np.isnan(parts[:, :3]).any():
         notes.append("blank: direction not supported in the final state")
     return make_table(title, columns, notes)
@@ -149,7 +148,7 @@ def _rounding_limits(values):
     """
     force = np.abs(values[:, :3]).max(initial=0.0)
     moment = max(np.abs(values[:, 3:]).max(initial=0.0), force)
-    return _ROUNDING * np.array([force] * 3 + [moment] * 3)[: values.shape[1]]
+    return NEGLIGIBLE * np.array([force] * 3 + [moment] * 3)[: values.shape[1]]
 
 
 def _forces_of_ground(structure, state):

@@ -40,7 +40,7 @@ from .slackness import loose_node_table, slack_cable_table
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
-from .table import table_in_units
+from .table import table_in_units, tables_without_noise
 
 
 def report(
@@ -102,8 +102,9 @@ def report(
         act on the structure; a component that is not supported has no value. Section forces of
         beams are given at both ends, with the smallest and the largest along the element, and their
         envelope over the ends of phases or the cases; stresses over all load steps, because every
-        increment records strains. Inactive elements have no values. Unstressed lengths are at the
-        temperature before the first phase.
+        increment records strains. Inactive elements have no values. Numbers that are rounding
+        errors beside the others of their kind are zero, also in files. Unstressed lengths are at
+        the temperature before the first phase.
 
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
@@ -232,6 +233,7 @@ def _names_of_combinations(combinations, cases, names):
 
 def _finish_report(solution, summary, tables, units):
     """Return the `Report` of some sentences and tables, in SI units or, if not None, in `units`."""
+    tables = tables_without_noise(tables)
     if units is not None:
         tables = {name: table_in_units(table, units) for name, table in tables.items()}
     return Report(int(solution.status), tuple(summary), tables, units)

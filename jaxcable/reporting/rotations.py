@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..analysis.results import Results
+from ..common.negligible import NEGLIGIBLE
 from ..elements import Bars
 from ..model.structure import Structure
 from ..results import element_tilts, rotation_vectors
@@ -15,8 +16,6 @@ from .states import EnvelopeState
 from .table import Column, Table, make_table
 
 _UNIT = "deg"
-_NEGLIGIBLE = 1e-7
-"""Rotation, rad, up to which a node has not rotated: analyses leave some 1e-10 of the forces."""
 
 
 def rotation_tables(
@@ -49,7 +48,7 @@ def _node_table(structure, states, cases):
         [np.asarray(rotation_vectors(structure, other.result)) for other in states.values()]
     )
     sizes = np.linalg.norm(turned, axis=2)
-    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE)
+    nodes = np.flatnonzero(sizes.max(axis=0) > NEGLIGIBLE)  # beside 1 rad
     if not len(nodes):
         return {}
     turned, sizes = np.degrees(turned[:, nodes]), np.degrees(sizes[:, nodes])
@@ -84,7 +83,7 @@ def _tilt_table(structure, state, states, several):
     tilt, *twist = _tilts(structure, state, kept)
     over = np.array([_tilts(structure, other.result, kept)[0] for other in states.values()])
     angles = (tilt, over, *twist)  # NaN: an element is not active, or has no twist
-    if not any(np.nan_to_num(np.abs(x)).max(initial=0) > np.degrees(_NEGLIGIBLE) for x in angles):
+    if not any(np.nan_to_num(np.abs(x)).max(initial=0) > np.degrees(NEGLIGIBLE) for x in angles):
         return {}
     columns = [
         *element_columns(structure, kept),

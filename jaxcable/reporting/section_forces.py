@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..elements import Beams
 from ..elements.abilities import POINT_LOADS
@@ -34,11 +35,6 @@ _TITLES = {
     "My": "My, bending moment about y: positive where the side of +z is in tension",
     "Mz": "Mz, bending moment about z: positive where the side of -y is in tension",
 }
-_NEGLIGIBLE = 1e-9
-"""Share of the largest force, or moment, up to which a force is left out as rounding.
-
-Analyses end with a residual of 1e-10 of the forces (`Newton.tol`).
-"""
 _SHEARS = ("Vy", "Vz")
 
 
@@ -181,7 +177,7 @@ def _rounding_limits(structure, parts):
     sizes = np.max([sizes for part in parts for _, _, sizes in part.values()], axis=0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
     force = sizes[:3].max()
-    return _NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
+    return NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
 
 
 def _section_force_columns(name, end_values, final_extremes, envelope_extremes, states, rounding):

@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..common.negligible import NEGLIGIBLE
 from ..common.units import SI, Units
 
 _KILO_UNITS = ("N", "N m", "N m2", "J")
@@ -25,18 +26,16 @@ _SHARED = 4
 """Number of columns from which a unit that all of them have is in the title, not in each heading.
 
 Two or three units make no line too long; section forces have seven."""
-_NEGLIGIBLE = 1e-7
-"""Share of the largest number of a unit, or of 1 N, J, Pa, up to which a text gives zero.
-
-Analyses end with a residual of 1e-10 of the forces (`Newton.tol`), which makes moments of up to
-1e-8 of the largest in slender beams. CSV and JSON have all digits.
-"""
+_FORCES = (*_KILO_UNITS, "Pa")
+"""Units whose numbers are compared with those of all tables; others with those of their own."""
 _LEVER = 1e-3
 """Lever, m, at which the largest force of a table makes the least moment that is shown beside it.
 
 A force of 100 kN in the position of a node that is known to 1e-12 m makes moments of 1e-7 N m.
 """
 
+_SHOWN = 1e-5
+"""Share of the largest number of a unit in a table that its text still tells from zero."""
 _MANY = 1e5  # size from which a number has one decimal: seven digits
 _DECIMALS = {"mm": 2, "cm": 3, "in": 4}
 """Decimals of small lengths."""
@@ -133,17 +132,64 @@ def table_in_units(table: Table, units: Units) -> Table:
     """Return a table in SI units with its numbers and its units converted to other ones."""
     at = table.columns.index("unit") if "unit" in table.columns else None
     rows = []
-    for row in table.rows:  # each has a unit of its own where a column names it
-        own = table.units if at is None else [row[at] if u == "" else u for u in table.units]
+    for row in table.rows:
         cells = [
-            units.from_si(value, str(unit)) if isinstance(value, float) else value
-            for value, unit in zip(row, own, strict=True)
+            units.from_si(value, unit) if isinstance(value, float) else value
+            for value, unit in zip(row, _units_of_row(table, row), strict=True)
         ]
         if at is not None:
             cells[at] = units.shown(str(row[at]))
         rows.append(cells)
     names = tuple(units.shown(unit) for unit in table.units)
     return dataclasses.replace(table, units=names, rows=rows)
+
+
+def tables_without_noise(tables: Mapping[str, Table]) -> dict[str, Table]:
+    """Return tables in SI units by name, with zero for numbers that are rounding errors.
+
+    A number is zero if it is negligible (`common.negligible`) beside the largest one of its unit:
+    forces, moments, works and stresses beside those of all tables and 1 N, N m, J, Pa, and moments
+    also beside the largest force at a short lever; lengths and others beside those of their own
+    table. Numbers without unit stay.
+    """
+    cells = {name: _sizes_by_unit(table) for name, table in tables.items()}
+    largest = {unit: max([1.0, *(s.get(unit, 0.0) for s in cells.values())]) for unit in _FORCES}
+    largest["N m"] = max(largest["N m"], _LEVER * largest["N"])
+    return {
+        name: dataclasses.replace(table, rows=_rows_without_noise(table, cells[name] | largest))
+        for name, table in tables.items()
+    }
+
+
+def _units_of_row(table, row):
+    """Return the unit of each cell of a row; a column may name that of the row."""
+    if "unit" not in table.columns:
+        return table.units
+    own = str(row[table.columns.index("unit")])
+    return [own if unit == "" else unit for unit in table.units]
+
+
+def _sizes_by_unit(table):
+    """Return the largest size of the finite numbers of each unit of a table, a dict; no ratios."""
+    sizes: dict[str, float] = {}
+    for row in table.rows:
+        for unit, value in zip(_units_of_row(table, row), row, strict=True):
+            if isinstance(value, float) and math.isfinite(value) and unit not in ("", "-"):
+                sizes[unit] = max(sizes.get(unit, 0.0), abs(value))
+    return sizes
+
+
+def _rows_without_noise(table, most):
+    """Return the rows of a table, with zero for numbers negligible beside `most`, by unit."""
+    return [
+        [
+            0.0
+            if isinstance(value, float) and abs(value) <= NEGLIGIBLE * most.get(unit, 0)
+            else value
+            for unit, value in zip(_units_of_row(table, row), row, strict=True)
+        ]
+        for row in table.rows
+    ]
 
 
 def csv_header(table: Table) -> list[str]:
@@ -179,9 +225,7 @@ def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales
         name, factor = units.stress
         return {units.name("Pa"): (name, float(factor))}
     largest = {
-        unit: max(
-            (_largest_number_of_unit(table, table.rows, unit) for table in tables), default=0.0
-        )
+        unit: max((sizes.get(unit, 0.0) for sizes in map(_sizes_by_unit, tables)), default=0.0)
         for unit in _KILO_UNITS
     }
     largest["N"] = largest["N m"] = max(largest["N"], largest["N m"])
@@ -224,11 +268,11 @@ def table_texts(
     for k in table.millimeters:
         small, factor = units_of_table.small_length
         scaled[k] = (small, float(factor))
-    least = _negligible_sizes(table, units_of_table)
+    largest = _sizes_by_unit(table)
     columns = zip(*rows, strict=True)  # none without rows
     texts = [
-        [_cell_text(value, factor, unit, least.get(table_unit, 0.0)) for value in column]
-        for column, (unit, factor), table_unit in zip(columns, scaled, table.units, strict=False)
+        [_cell_text(value, factor, unit, factor * largest.get(own, 0.0)) for value in column]
+        for column, (unit, factor), own in zip(columns, scaled, table.units, strict=False)
     ]
     shown = [k for k, column in enumerate(texts) if any(column) and k not in table.details]
     return TableTexts([unit for unit, _ in scaled], texts, shown, notes)
@@ -252,18 +296,6 @@ def table_text(table: Table, most: int | None, scales: Scales, units_of_table: U
         for line in textwrap.wrap(note, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     ]
     return "\n".join([title, *lines, *wrapped_notes])
-
-
-def _negligible_sizes(table, units):
-    """Return the size up to which a number is shown as zero, a dict by unit of the table."""
-    least: dict[str, float] = {}
-    for unit in (*_KILO_UNITS, "Pa", "deg"):
-        name = units.shown(unit)
-        size = _largest_number_of_unit(table, table.rows, name)
-        least[name] = _NEGLIGIBLE * max(size, units.from_si(1.0, unit), least.get(name, 0.0))
-    lever = units.from_si(_LEVER, "m") * least[units.name("N")]
-    least[units.name("N m")] = max(least[units.name("N m")], lever)
-    return least
 
 
 def _wrap_headings(headings, widths):
@@ -311,25 +343,18 @@ def _title_and_headings(table, units):
     return (f"{table.title} ({named.pop()})" if shared else table.title), headings
 
 
-def _largest_number_of_unit(table, rows, unit):
-    """Return the largest absolute number in the columns that have a unit; 0 without any."""
-    columns = [k for k, other in enumerate(table.units) if other == unit]
-    sizes = [abs(row[k]) for row in rows for k in columns if row[k] is not None]
-    return max(sizes, default=0.0)
-
-
 _LARGE_FORCES = ("kip", "tf", "MN")
 """Units of force in which usual forces are small numbers."""
 
 
-def _cell_text(value, factor, unit, least):
+def _cell_text(value, factor, unit, largest):
     """Return the text of a cell.
 
     Args:
         value: number, text, or None for an empty cell.
         factor: factor from the number to the unit of the text.
         unit: unit of the text.
-        least: size below which a number is shown as zero, in the unit of the table.
+        largest: size of the largest number of its unit in the table, in the unit of the text.
     """
     if value is None:
         return ""
@@ -342,9 +367,12 @@ def _cell_text(value, factor, unit, least):
         return f"{round(value * factor, digits) + 0.0:.{digits}f}"  # no "-0.00"
     if unit == "-":
         return f"{value:.3f}"
-    value = 0.0 if abs(value) < least else value * factor
-    if unit.startswith(_LARGE_FORCES) and abs(value) < 1.0:
-        return f"{value:.4g}"
+    value *= factor
     if abs(value) >= _MANY:
         return f"{value:.1f}"
-    return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.4g}"
+    if unit.startswith(_LARGE_FORCES) and abs(value) < 1.0:
+        value = 0.0 if abs(value) < _SHOWN * largest else value
+        return f"{value:.4g}"
+    if value != 0.0 and abs(value) < 1e-3 and largest < 0.1:
+        return f"{value:.4g}"
+    return f"{round(value, 3) + 0.0:.3f}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import json
+import re
 from importlib import resources
 from types import ModuleType
 from typing import Any
@@ -27,6 +28,14 @@ def _template():
     return resources.files(__package__).joinpath("report.typ.txt").read_bytes()
 
 
+_WIDE, _HIGH = 470.0, 300.0
+"""Points that a picture takes at most; so two of them fit one below the other, with captions."""
+_SCALE = 0.85  # of pictures over their own size, for text of some 8 points
+_SIZE = re.compile(r'<svg[^>]* width="([\d.]+)pt" height="([\d.]+)pt"')
+_NARROW = 360.0
+"""Width of pictures, points, up to which they get half a page, two beside each other."""
+
+
 def pdf_bytes(document: Document) -> bytes:
     """Return a `Document` as a PDF: A4, with contents and numbers of pages.
 
@@ -40,18 +49,38 @@ def _document_data(document):
     """Return a document as plain data: tables in runs of pages of one format."""
     tables = [(any(part.landscape for part in table.parts), table) for table in document.tables]
     runs = itertools.groupby(tables, key=lambda pair: pair[0])
+    middle = tables[(len(tables) - 1) // 2][1].name if tables else None
     return {
         "title": document.title,
         "author": next((text for word, text in document.facts if word == "author"), ""),
         "program": next(text for word, text in document.facts if word == "program"),
         "facts": document.facts,
         "summary": document.summary,
-        "pictures": document.pictures,
+        "pictures": _picture_rows(document.pictures),
+        "middle": middle,
         "runs": [
             {"landscape": wide, "tables": [_table_data(table) for _, table in pairs]}
             for wide, pairs in runs
         ],
     }
+
+
+def _picture_rows(pictures):
+    """Return pictures with their widths in points, in rows: narrow ones two beside each other."""
+    rows: list[list[dict[str, Any]]] = []
+    alone: list[dict[str, Any]] = []  # a row of one narrow picture
+    for caption, svg in pictures:
+        width, height = (float(size) for size in _SIZE.findall(svg)[0])
+        most = 0.48 * _WIDE if width <= _NARROW else _WIDE
+        one = {"caption": caption, "svg": svg}
+        one["width"] = min(_SCALE * width, most, _HIGH * width / height)
+        if width <= _NARROW and alone:
+            alone.append(one)
+            alone = []
+        else:
+            rows.append([one])
+            alone = rows[-1] if width <= _NARROW else alone
+    return rows
 
 
 def _table_data(table) -> dict[str, Any]:
@@ -65,4 +94,4 @@ def _table_data(table) -> dict[str, Any]:
         }
         for part in table.parts
     ]
-    return {"title": table.title, "parts": parts, "notes": table.notes}
+    return {"name": table.name, "title": table.title, "parts": parts, "notes": table.notes}

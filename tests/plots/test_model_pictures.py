@@ -67,7 +67,7 @@ def test_no_number_covers_another_and_the_title_counts_the_others():
         assert not any(box.overlaps(other) for other in drawn[:k])
     total = net.n_node + sum(len(group.links) for group in net.groups)
     left_out = total - len(boxes)
-    assert left_out > 0 and f"without {left_out} numbers" in figure.axes[0].get_title()
+    assert left_out > 0 and f"numbers left out: {left_out}" in figure.axes[0].get_title()
 
 
 def test_the_command_draws_without_an_analysis(tmp_path, capsys, monkeypatch):

@@ -19,6 +19,7 @@ from oracles.convergence import converged
 from PIL import Image
 
 import jaxcable as jc
+from jaxcable.model.topology import topology_of
 from jaxcable.plots import element_forces, element_lines, layout, nets, style, symbols, views
 from jaxcable.plots.snapshots import evenly_spaced_indices
 
@@ -218,7 +219,8 @@ def test_bars_without_force_are_not_slack():
     bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=1.0)
     cable = jc.Cables([[1, 2]], axial_stiffness=1.0)
     structure = jc.Structure(np.eye(3), [bars, cable], jc.pinned([0, 1, 2]))
-    told, parts = {"tension": [np.array([0.0, -2.0]), np.zeros(1)]}, structure.groups
+    told = {"tension": [np.array([0.0, -2.0]), np.zeros(1)]}
+    parts = topology_of(structure).parts
     shown = element_forces.ElementForces(told, parts, structure)
     assert shown.slack.tolist() == [False, False, True]
     assert shown.compressed.tolist() == [False, True, False]
@@ -256,7 +258,9 @@ def test_utilization(pictures, runs):
 
 def test_a_strength_that_is_reached_is_not_exceeded(runs):
     told = {"tension": np.full(12, 600.0 * (1 + 1e-8))}
-    shown = element_forces.ElementForces(told, runs.strong.groups, runs.strong, "utilization")
+    shown = element_forces.ElementForces(
+        told, topology_of(runs.strong).parts, runs.strong, "utilization"
+    )
     scale = element_lines.ColorScale([shown])
     assert scale.label == "utilization: force / breaking force (%)"
     look = matplotlib.cm.ScalarMappable(**scale.look)
@@ -303,6 +307,46 @@ def test_views():
     assert views.choose_view(mast, "plan").kind == "plan"
     with pytest.raises(ValueError, match="view = 'front'"):
         views.choose_view(mast, "front")
+
+
+def test_heights_of_a_line_are_magnified_over_its_ground():
+    """Two spans that sag by 2 m in 100 m: by 10 they are 0.2 times as high as wide."""
+    nodes = np.array([[0.0, 0, 0], [25.0, 0, -2], [50.0, 0, 0], [75.0, 0, -2], [100.0, 0, 0]])
+    assert views.choose_view(nodes, heights=None).heights == 10.0
+    high = nodes * [1.0, 1.0, 11.0]  # 22 m: twice the height is more than 0.3 of the width
+    assert views.choose_view(high, heights=None).heights == 1.0
+    seen = views.choose_view(nodes, heights=5.0)
+    np.testing.assert_array_equal(seen.project(nodes)[:, 1], 5.0 * nodes[:, 2])
+    links = [[0, 1], [1, 2], [2, 3], [3, 4]]
+    line = jc.Structure(nodes, jc.Cables(links, axial_stiffness=1e6), jc.pinned([0, 2, 4]))
+    hung = jc.solve(line, jc.Phase(loads=jc.NodalLoads([1, 3], (0.0, 0.0, -1e3))))
+    assert int(hung.status) == 0
+    ground = np.array([[0.0, 0.0, -6.0], [100.0, 0.0, -8.0]])
+    figure = jc.plots.net(hung, structure=line, heights=5.0, ground=ground)
+    axes = figure.axes[0]
+    assert axes.get_ylabel() == "z (m) x 5" and axes.get_ylim()[0] < 5.0 * -8.0
+    drawn = [own.get_xydata() for own in axes.lines if len(own.get_xydata()) == 2]
+    assert any(np.allclose(points, [[0.0, -30.0], [100.0, -40.0]]) for points in drawn)
+    for place, text in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True):
+        assert float(text.get_text()) == pytest.approx(place / 5.0)
+    with pytest.raises(ValueError, match="heights = 0: must be positive"):
+        jc.plots.net(hung, heights=0)
+
+
+def test_a_group_that_another_one_swamps_has_its_own_colors():
+    """A net of 10 to 30 kN between edges of 300 kN; then one of which no group is small."""
+    group = np.array([0, 0, 1, 1, 1])
+    force = np.array([-300e3, 150e3, 10e3, 30e3, np.nan])
+    own = element_lines.ColoredValues(force, "tension", "N", group, ["edge", "net"])
+    scale = element_lines.ColorScale([own])
+    shares = scale.numbers(own)
+    np.testing.assert_allclose(shares[:4], [100.0, 50.0, 100.0 / 3, 100.0])
+    texts = [entry.get_label() for entry in scale.legend()]
+    assert texts == ["edge: -300 to 150 kN", "net: 10 to 30 kN"]
+    alike = own._replace(value=np.array([-300e3, 150e3, 100e3, 90e3, 80e3]))
+    scale = element_lines.ColorScale([alike])
+    assert scale.legend() == [] and scale.label == "axial force (kN), tension positive"
+    np.testing.assert_allclose(scale.numbers(alike), alike.value / 1e3)
 
 
 def test_kinds_of_supports():

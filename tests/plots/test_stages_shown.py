@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.model.topology import topology_of
 from jaxcable.plots.element_forces import ElementForces, all_result_columns
 from jaxcable.plots.snapshots import Snapshots
 
@@ -110,7 +111,7 @@ def test_pictures_draw_what_is_there(hung):
     assert forces.present.tolist() == [True, True, False]  # aid, row: sorted by name
     assert not forces.slack.any()
     told = {"tension": solution.phases[0].tension}
-    without = ElementForces(told, structure.groups, structure)
+    without = ElementForces(told, topology_of(structure).parts, structure)
     assert without.slack.tolist() == [False, False, True]  # the control: as if it were slack
     figure = jc.plots.sequence(solution, structure=structure, names="abc", columns=3)
     drawn = [axes.collections[1:4] for axes in figure.axes[:3]]  # after the ghost

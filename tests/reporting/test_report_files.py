@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 import jaxcable as jc
 from jaxcable.reporting import Report, Table
-from jaxcable.reporting.document import Heading, make_document
+from jaxcable.reporting.document import Heading, make_document, picture_svgs
+from jaxcable.reporting.typesetting import _picture_rows
 from jaxcable.reporting.web_page import page_text
 
 ODD = "=1+1 <b> & #let $x$ @a *b* _c_ `d` \\e [f]"
@@ -113,9 +114,9 @@ def test_a_pdf_has_pages_a_title_and_no_date(tmp_path):
 
 
 def test_wide_tables_are_turned_and_then_split():
-    def parts(count):
+    def parts(count, n_row=20):
         names = ("group", "element", *(f"force {k}" for k in range(count)))
-        rows = [["ties", 3, *np.linspace(-1e6, 1e6, count).tolist()]]
+        rows = [["ties", 3, *np.linspace(-1e6, 1e6, count).tolist()]] * n_row
         table = Table("Wide", names, ("", "", *["N"] * count), rows)
         return make_document([], {"wide": table}, None, Heading(), {}, None).tables[0].parts
 
@@ -125,8 +126,24 @@ def test_wide_tables_are_turned_and_then_split():
         assert part.headings[:2] == ["group", "element"] and part.rows[0][:2] == ["ties", "3"]
     shown = [name for part in split for name in part.headings[2:]]
     assert shown == [f"force {k}" for k in range(50)]
+    first, second = parts(13, 1)  # one row has no page of its own
+    assert not first.landscape and not second.landscape
+    assert [*first.headings[2:], *second.headings[2:]] == shown[:13]
     assert narrow.numeric == [False] + [True] * 6 and narrow.units[2:] == ["kN"] * 5
     assert narrow.rows[0][2] == "\N{MINUS SIGN}1000.000"
+
+
+def test_narrow_pictures_are_beside_each_other():
+    """Widths in points: 4.8 inches are narrow, 6.4 are not; a third narrow one is alone."""
+    sizes = [(4.8, 3.0), (6.4, 3.0), (4.8, 30.0), (4.8, 3.0)]
+    figures = {f"{k}": Figure(figsize=size) for k, size in enumerate(sizes)}
+    rows = _picture_rows(picture_svgs(figures))
+    assert [[one["caption"] for one in row] for row in rows] == [["0", "2"], ["1"], ["3"]]
+    for row in rows:
+        assert sum(one["width"] for one in row) <= 470.0  # of A4 with its margins
+        for one in row:
+            wide, high = sizes[int(one["caption"])]
+            assert one["width"] * high / wide <= 300.0 + 1e-9
 
 
 def test_rows_that_are_left_out_are_said():

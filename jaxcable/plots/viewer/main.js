@@ -231,10 +231,10 @@ function arrows(name, forces, nodes, push, color, keys) {
   const sizes = forces ? Array.from(nodes, (_, k) => Math.hypot(forces[3 * k], forces[3 * k + 1], forces[3 * k + 2])) : [];
   const largest = sizes.reduce((a, b) => Math.max(a, b), 0);
   if (!(largest > 0)) { drawing.hide(name); drawing.hide(`${name} heads`); return; }
-  const many = sizes.filter(x => x > 1e-9 * largest).length, ends = [];
+  const many = sizes.filter(x => x > 1e-7 * largest).length, ends = [];
   const scale = shown.extent * Math.min(0.1, 0.8 / Math.sqrt(many)) / largest;
   for (let k = 0; k < nodes.length; k++) {
-    if (sizes[k] <= 1e-9 * largest) continue;
+    if (sizes[k] <= 1e-7 * largest) continue;
     const at = [0, 1, 2].map(i => shown.nodes[3 * nodes[k] + i]), by = [0, 1, 2].map(i => scale * forces[3 * k + i]);
     const [tail, tip] = push ? [at.map((x, i) => x - by[i]), at] : [at, at.map((x, i) => x + by[i])];
     ends.push(...tail, ...tip);

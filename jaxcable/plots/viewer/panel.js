@@ -21,7 +21,7 @@ class Range {
     }
     this.known = low <= high;
     if (!this.known) [low, high] = [0, 1];
-    const name = column.label, signed = low < -1e-9 * Math.max(-low, high);
+    const name = column.label, signed = low < -1e-7 * Math.max(-low, high);
     this.factor = 1;
     let unit = column.unit;
     if (name === "utilization") {
