@@ -214,8 +214,9 @@ def _add_solve(commands):
         text = f"{name} in the report (.pdf, .html, .xlsx)"
         command.add_argument(f"--{name}", metavar="TEXT", help=text)
     text = (
-        'combine the actions of the scene by these rules, "EN 1990", "ASCE 7-16" or a .json file, '
-        "and analyse all combinations from the end of the phases; the report has envelopes"
+        'combine the actions of the scene by these rules, "EN 1990", "ASCE 7-16" or a .json file '
+        "(default: those that the scene states), and analyse all combinations from the end of the "
+        "phases; the report has envelopes"
     )
     command.add_argument("--combinations", metavar="RULES", help=text)
     text = "only these rules or limit states, such as serviceability (default: all)"

@@ -82,6 +82,52 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
     assert command(f"{words} --report r.txt --report ./r.txt") == 2  # one file twice
 
 
+def test_checks_of_the_scene_are_made(folder, capsys):
+    """By its own standard of combinations; the force that governs is that of the library."""
+    checks = ["EN 1993-1-11", jc.design.TensionLimit(lower=1.0, of=())]
+    more = {"actions": actions(), "combinations": "EN 1990", "checks": checks}
+    jc.save_scene("checked.json", (STRUCTURE, PHASES), **more)
+    assert command("solve checked.json --which 'ULS 6.10' --report r.txt") == 0
+    told = capsys.readouterr().out
+    found = jc.design.combinations(actions(), which=["ULS 6.10"])
+    solutions = jc.design.solve_cases(STRUCTURE, PHASES, found)
+    assert (np.asarray(solutions.status) == 0).all()
+    case, element = np.unravel_index(np.argmax(solutions.tension), solutions.tension.shape)
+    used = float(solutions.tension[case, element]) / (4e4 / 1.5)
+    line = f"cable resistance: utilization {used:.3f}, element {element}, {found.names[case]}, EN"
+    assert line in told and "all 2 checks passed" in told
+    assert "NOT MADE: cable service stress" in told
+    report = (folder / "r.txt").read_text()
+    assert "Checks, largest utilization of each" in report and f"{used:.3f}"[:4] in report
+    assert command("info checked.json") == 0
+    told = capsys.readouterr().out
+    assert "combinations by EN 1990\ncheck EN 1993-1-11\ncheck tension that remains" in told
+
+
+def test_checks_without_combinations_are_those_of_the_end(folder, capsys):
+    """Also of an analysis that fails, of which nothing is known."""
+    names = {"lift": PHASES[0], "load": jc.Phase(loads=LOAD)}
+    taut = jc.design.TensionLimit(lower=1e6)
+    jc.save_scene("end.json", (STRUCTURE, names), checks=[taut])
+    assert command("solve end.json") == 0
+    told = capsys.readouterr().out
+    lowest = float(jc.solve(STRUCTURE, [*names.values()]).tension.min())
+    assert f"that remains: FAILS: utilization {1e6 / lowest:.3f}, element" in told
+    assert ", load, given limit" in told and "1 of 1 checks NOT passed" in told
+    pull = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -6e4)))
+    jc.save_scene("weak.json", (weak_rope(), pull), checks=[taut])
+    assert command("solve weak.json") == 1
+    assert "NOT CHECKED, because the analysis failed" in capsys.readouterr().out
+
+
+def weak_rope():
+    """A hanging rope that yields at 40 kN."""
+    law = jc.Polygonal([0.0, 2e-3, 0.1], [0.0, 4e8, 4e8])
+    rope = jc.Cables([[0, 1]], area=1e-4, law=law)
+    supports = jc.pinned([0]) + jc.restrained([1], "xy")
+    return jc.Structure([[0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rope, supports=supports)
+
+
 REFUSED = {
     "bare.json --combinations 'EN 1990'": "bare.json: has no actions to combine",
     "rope.json --combinations 'EN 199'": "rules = 'EN 199': expected a name",
@@ -102,10 +148,7 @@ def test_what_cannot_be_combined_is_refused(words, folder, capsys):
 
 def test_combinations_that_fail_are_named(folder, capsys):
     """A rope yields at 40 kN, and 1.5 times the snow is 60 kN: other cases are reported."""
-    law = jc.Polygonal([0.0, 2e-3, 0.1], [0.0, 4e8, 4e8])
-    rope = jc.Cables([[0, 1]], area=1e-4, law=law)
-    supports = jc.pinned([0]) + jc.restrained([1], "xy")
-    structure = jc.Structure([[0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rope, supports=supports)
+    structure = weak_rope()
     phases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1000.0)))]
     jc.save_scene("weak.json", (structure, phases), actions=actions(-4e4)[1:])
     words = "solve weak.json --combinations 'EN 1990' --which 'ULS 6.10' --report"
