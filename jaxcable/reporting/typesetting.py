@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import json
+import re
 from importlib import resources
 from types import ModuleType
 from typing import Any
@@ -36,6 +37,17 @@ def pdf_bytes(document: Document) -> bytes:
     return import_typst().compile(_template(), format="pdf", sys_inputs={"data": data})
 
 
+_LONG_WORD = re.compile(r"\S{21,}")
+_BREAK_AFTER = re.compile(r"[^\W_]{12}|[\W_]")
+
+
+def _breakable(text):
+    """Return a text whose long words, as names of groups may be, can go on in the next line."""
+    return _LONG_WORD.sub(
+        lambda word: _BREAK_AFTER.sub("\\g<0>\N{ZERO WIDTH SPACE}", word[0]), text
+    )
+
+
 def _document_data(document):
     """Return a document as plain data: tables in runs of pages of one format."""
     tables = [(any(part.landscape for part in table.parts), table) for table in document.tables]
@@ -45,8 +57,8 @@ def _document_data(document):
         "author": next((text for word, text in document.facts if word == "author"), ""),
         "program": next(text for word, text in document.facts if word == "program"),
         "facts": document.facts,
-        "summary": document.summary,
-        "pictures": document.pictures,
+        "summary": [_breakable(text) for text in document.summary],
+        "pictures": [(_breakable(caption), svg) for caption, svg in document.pictures],
         "runs": [
             {"landscape": wide, "tables": [_table_data(table) for _, table in pairs]}
             for wide, pairs in runs
@@ -61,8 +73,9 @@ def _table_data(table) -> dict[str, Any]:
             "headings": part.headings,
             "units": part.units,
             "align": ["right" if is_numeric else "left" for is_numeric in part.numeric],
-            "cells": list(itertools.chain.from_iterable(part.rows)),
+            "cells": [_breakable(text) for text in itertools.chain.from_iterable(part.rows)],
         }
         for part in table.parts
     ]
-    return {"title": table.title, "parts": parts, "notes": table.notes}
+    notes = [_breakable(note) for note in table.notes]
+    return {"title": _breakable(table.title), "parts": parts, "notes": notes}
