@@ -102,8 +102,8 @@ _TEXTS = {
         "direction (look at failures)"
     ),
     BAD_START: (
-        "the loss or its gradient is not finite at the start, or the analysis fails there; "
-        "history.status[0] has its code"
+        "the loss or its gradient is not finite at the start (as of a square root of zero), or the "
+        "analysis fails there; a history has its code"
     ),
     OUTSIDE: "the start is outside its bounds, or a lower bound is above the upper one",
     LIMIT_POINT: (
