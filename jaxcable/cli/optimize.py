@@ -75,17 +75,7 @@ def run(options: Namespace) -> None:
 
     low, high = options.bounds
     shown = units or SI
-    bounds = " to ".join(f"{shown.from_si(bound, 'N'):g}" for bound in options.bounds)
-    if not low <= high:
-        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
-    inside = jnp.clip(start, low, high)
-    if (inside != start).any():
-        text = (
-            "the pretension of the scene is outside the bounds; the search starts at the nearest "
-            f"values within {bounds} {shown.force}"
-        )
-        warnings.warn(text, InputWarning, stacklevel=1)
-    start = inside
+    start = _start_within_bounds(start, low, high, shown)
     with refuse_value_errors(options.scene):
         if options.target is None:
             found = _minimize_pretension(structure, analyse, start, (low, high), options)
@@ -145,6 +135,21 @@ def _solve_with_cases(options, structure, phases, combined):
         f" in {name}": jax.tree.map(lambda x, k=k: x[k], cases)
         for k, name in enumerate(combined.names)
     }
+
+
+def _start_within_bounds(start, low, high, units):
+    """Return the start, [n], N, with what is outside of the bounds, N, at them, and a warning."""
+    bounds = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
+    if not low <= high:
+        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
+    inside = jnp.clip(start, low, high)
+    if (inside != start).any():
+        text = (
+            "the pretension of the scene is outside the bounds; the search starts at the nearest "
+            f"values within {bounds} {units.force}"
+        )
+        warnings.warn(text, InputWarning, stacklevel=1)
+    return inside
 
 
 def _require_one_aim(options):
