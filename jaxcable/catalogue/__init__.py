@@ -4,12 +4,9 @@ Each number has a source, which the records name. A manufacturer's certificate r
 `load` reads one of your own.
 """
 
-from ..files.codec import NAMED_RECORDS
 from .cables import CableData, cable, cable_names, load
 from .profiles import ProfileData, profile, profile_data, profile_names
 from .ropes import rope
-
-NAMED_RECORDS["Profile"] = profile_data  # in scene files
 
 __all__ = [
     "CableData",

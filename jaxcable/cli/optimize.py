@@ -268,7 +268,7 @@ def _minimize_pretension(structure, analyse, start, bounds, options):
 def _describe_sum(found, start, limits, options, units):
     """Return the sum of the pretensions of a `Design`, or that there are none, as text.
 
-    `start` has those at the start, [n], N, and `limits` the lines of `_describe_limits`.
+    `start` has those at the start, [n], N, and `limits` the lines of `describe_limits`.
     """
     words = f"sum of the pretensions {units.text(found.loss, 'N')}"
     if float(found.loss) <= _NO_PRESTRESS * float(jnp.abs(start).sum()):
