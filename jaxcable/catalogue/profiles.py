@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..common import checks
+from ..files.codec import NAMED_RECORDS
 from ..materials.law import Law
 from ..sections import Section
 from ..stiffness.vibration import STANDARD_GRAVITY
@@ -177,6 +178,9 @@ def profile_data(name: str, *, manufacture: str = "hot-finished") -> ProfileData
     if plain not in table:
         raise unknown_name(name, profile_names(), "catalogue.profile_names() lists all names")
     return table[plain]
+
+
+NAMED_RECORDS["Profile"] = profile_data  # in scene files
 
 
 def profile_names(family: str | None = None) -> list[str]:

@@ -1,4 +1,4 @@
-"""Combinations of the actions of a scene, for ``solve --combinations``."""
+"""Combinations of the actions of a scene, and the checks that the scene states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..common.checks import suggest_names
 from ..common.units import Units
-from ..design import combination_rules, combinations, solve_cases
+from ..design import checks, combination_rules, combinations, solve_cases
+from ..design.checks import Checks
 from ..design.combinations import Combinations
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -30,12 +31,13 @@ _NAMED = 8
 
 
 def combine_actions(options: Namespace, scene: Scene) -> Combinations | None:
-    """Return the combinations that options ask for, of the actions of a scene; None for none.
+    """Return the combinations that options or a scene ask for, of its actions; None for none.
 
     Raises:
         BadInput: the scene has no actions, or the rules cannot combine them.
     """
-    if options.combinations is None:
+    standard = options.combinations or scene.combination_rules
+    if standard is None:
         why = "is for combinations: give --combinations RULES, too"
         inputs.refuse_options_without_effect(options, ("which", "case_increments"), why)
         return None
@@ -45,7 +47,7 @@ def combine_actions(options: Namespace, scene: Scene) -> Combinations | None:
             '[{"name": "snow", "kind": "snow", "loads": ...}]'
         )
     with refuse_value_errors("--combinations"):
-        rules = combination_rules(options.combinations)
+        rules = combination_rules(standard)
     which = None if options.which is None else _chosen_rules(options.which, rules)
     with refuse_value_errors(options.scene):
         increments = options.case_increments or 1
@@ -90,6 +92,22 @@ def solve_combinations(
     if long:
         print_message(f"{len(found)} combinations took {time.monotonic() - begin:.0f} s")
     return solutions
+
+
+def make_checks(
+    scene: Scene, solution: Solution, cases: Solution | None, found: Combinations | None
+) -> Checks | None:
+    """Make the checks of a scene; None if it has none, or if the analysis failed.
+
+    They are made for all combinations, or without them (None) for the end of the phases.
+    """
+    if not scene.checks or int(solution.status) != status.OK:
+        return None
+    if cases is not None:
+        return checks(scene.structure, cases, scene.checks, combinations=found)
+    last = len(solution.phases)
+    name = f"phase {last}" if scene.phase_names is None else scene.phase_names[-1]
+    return checks(scene.structure, solution, scene.checks, names=[name])
 
 
 def describe_largest_values_of_cases(

@@ -119,6 +119,10 @@ def _print_scene(scene, stated):
         held = " (in the phases)" * action.in_phases
         print(f"action {action.name}, {action.kind}{held}")
         print(f"  {describe_action(action, stated)}")
+    if scene.combination_rules is not None:
+        print(f"combinations by {scene.combination_rules}")
+    for check in scene.checks:
+        print(f"check {check if isinstance(check, str) else f'{check.name}, {check.clause}'}")
 
 
 def _print_section(section, units):

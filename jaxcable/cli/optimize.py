@@ -18,15 +18,17 @@ from ..common.checks import InputWarning
 from ..common.tree import replace
 from ..common.units import SI
 from ..files import save_scene
-from ..model.result_parts import (
-    named_groups_of,
-    present_elements,
-    slack_elements,
-    values_per_group,
-)
 from ..reporting.load_descriptions import range_text
 from . import inputs, outputs
+from .combining import combine_actions, solve_combinations
 from .guard import BadInput, print_message, refuse_value_errors
+from .limits import (
+    ROUNDING,
+    describe_exceeded_strength,
+    describe_limits,
+    describe_slack_elements,
+    tension_margins,
+)
 from .solving import solve_scene
 
 _WIDTH = 0.02
@@ -35,11 +37,8 @@ _WIDTH = 0.02
 The maximum over n nodes is overestimated by at most the width times log n, 9 % for a hundred nodes
 that move alike. Half the width halves that, but makes the maximum less smooth.
 """
-_ROUNDING = 1e-9  # relative to a limit: two analyses of the same numbers differ by less
 _NO_PRESTRESS = 1e-9
 """Sum of the pretensions over that of the start below which the optimum has none."""
-_MOST_NAMED = 12
-"""Largest number of slack elements of a group that are named."""
 _MEANING = (
     "pretension: the force that a cable would have in the drawn geometry; it fixes the cutting "
     "length, and is not the jacking force"
@@ -53,14 +52,11 @@ def run(options: Namespace) -> None:
     the cause, and the exit status is 1; they are written with `options.keep` only. If the analysis
     fails at the start, nothing is written.
     """
-    if (options.deflection, options.lowest) == (None, None):
-        if options.target is None:
-            raise BadInput("optimize: give --target, or --deflection and/or --lowest")
-    elif options.target is not None:
-        raise BadInput("optimize: --target cannot be combined with --deflection or --lowest")
+    _require_one_aim(options)
     outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = scene.units, scene
+    combined = None if options.target is not None else combine_actions(options, scene)
     options = _options_in_si(options, units)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
@@ -72,37 +68,32 @@ def run(options: Namespace) -> None:
         return [*phases[:number], phase, *phases[number + 1 :]]
 
     def analyse(parameters):
-        return solve(structure, phases_with(pretension_of(parameters)))
+        stated = phases_with(pretension_of(parameters))
+        if combined is None:
+            return solve(structure, stated)
+        return design.solve_cases(structure, stated, combined)
 
     low, high = options.bounds
     shown = units or SI
-    bounds = " to ".join(f"{shown.from_si(bound, 'N'):g}" for bound in options.bounds)
-    if not low <= high:
-        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
-    inside = jnp.clip(start, low, high)
-    if (inside != start).any():
-        text = (
-            "the pretension of the scene is outside the bounds; the search starts at the nearest "
-            f"values within {bounds} {shown.force}"
-        )
-        warnings.warn(text, InputWarning, stacklevel=1)
-    start = inside
+    start = _start_within_bounds(start, low, high, shown)
     with refuse_value_errors(options.scene):
         if options.target is None:
-            found = _minimize_pretension(analyse, start, (low, high), options)
+            found = _minimize_pretension(structure, analyse, start, (low, high), options)
         else:
             found, description = _match_target_tension(analyse, start, (low, high), options, shown)
-        solution = solve_scene(options, structure, phases_with(pretension_of(found.params)))
+        best = jax.tree.map(np.asarray, pretension_of(found.params))
+        solution, ends = _solve_with_cases(options, structure, phases_with(best), combined)
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _target_is_met(found, start, options):
         code = status.OK
-    if int(solution.status) != status.OK:  # there is no design: the analysis fails at the start
+    failed = [end for end in ends.values() if int(end.status) != status.OK]
+    if failed:  # there is no design: the analysis fails at the start
         if options.save is not None:
             print_message(
                 f"{options.save}: not written: the analysis fails with the pretension of the start"
             )
-        status.raise_if_failed(solution)
-    limits = _describe_limits(solution, options, shown)
+        status.raise_if_failed(failed[0])
+    limits = describe_limits(structure, ends, options, shown)
     if options.target is None:
         description = _describe_sum(found, start, limits, options, shown)
     lines = [
@@ -112,15 +103,14 @@ def run(options: Namespace) -> None:
         f"final axial forces {range_text(solution.last.peak_tension, 'N', units)}",
         *limits,
         _describe_movement(solution, number, shown),
-        *_describe_slack_elements(structure, solution),
-        *_describe_exceeded_strength(structure, solution),
+        *describe_slack_elements(structure, ends),
+        *describe_exceeded_strength(structure, ends),
         _MEANING,
     ]
     good = code == status.OK or options.keep
     violated = code == status.CONSTRAINTS_VIOLATED
     cause = "the limits are violated" if violated else "the search did not converge"
     if options.save is not None and good:
-        best = jax.tree.map(np.asarray, pretension_of(found.params))
         save_scene(options.save, scene._replace(phases=phases_with(best)))
         ended = "the scene with this pretension"
         if code != status.OK:
@@ -132,6 +122,49 @@ def run(options: Namespace) -> None:
         print_message(f"{options.save}: not written: {cause}; --keep writes it")
     if code != status.OK:
         status.raise_if_failed(found)
+
+
+def _solve_with_cases(options, structure, phases, combined):
+    """Return the `Solution` of phases, and those to judge: its cases by " in NAME", or itself."""
+    solution = solve_scene(options, structure, phases)
+    if combined is None or int(solution.status) != status.OK:
+        return solution, {"": solution}
+    cases = solve_combinations(options, structure, phases, combined, None)
+    cases = jax.tree.map(np.asarray, cases)
+    return solution, {
+        f" in {name}": jax.tree.map(lambda x, k=k: x[k], cases)
+        for k, name in enumerate(combined.names)
+    }
+
+
+def _start_within_bounds(start, low, high, units):
+    """Return the start, [n], N, with what is outside of the bounds, N, at them, and a warning."""
+    bounds = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
+    if not low <= high:
+        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
+    inside = jnp.clip(start, low, high)
+    if (inside != start).any():
+        text = (
+            "the pretension of the scene is outside the bounds; the search starts at the nearest "
+            f"values within {bounds} {units.force}"
+        )
+        warnings.warn(text, InputWarning, stacklevel=1)
+    return inside
+
+
+def _require_one_aim(options):
+    """Raise BadInput unless options state a target or limits, with what goes with each of them."""
+    has_limits = (options.deflection, options.lowest) != (None, None)
+    if options.target is None and not has_limits:
+        raise BadInput("optimize: give --target, or --deflection and/or --lowest")
+    if options.target is not None:
+        if has_limits:
+            raise BadInput("optimize: --target cannot be combined with --deflection or --lowest")
+        names = "combinations", "which", "case_increments", "allow_slack"
+        inputs.refuse_options_without_effect(options, names, "is for --deflection and --lowest")
+    if options.lowest is not None:
+        why = "contradicts --lowest, with which all cables are taut"
+        inputs.refuse_options_without_effect(options, ("allow_slack",), why)
 
 
 def _parametrize_pretension(structure, phase, options):
@@ -202,27 +235,30 @@ def _target_is_met(found, start, options):
     """Return whether the tensions equal the target up to rounding, so that no search can go on."""
     if options.target is None:
         return False
-    return float(found.loss) <= start.size * (_ROUNDING * options.target) ** 2
+    return float(found.loss) <= start.size * (ROUNDING * options.target) ** 2
 
 
-def _minimize_pretension(analyse, start, bounds, options):
+def _minimize_pretension(structure, analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments are those of
-    `_match_target_tension`. Return the `Design` found.
+    The limits are `options.deflection`, m, and `options.lowest`, N, in all cases. Other arguments
+    are those of `_match_target_tension`. Return the `Design` found.
     """
-    limits = options.deflection, options.lowest
+
+    def excess(solution):
+        parts = []
+        if options.deflection is not None:
+            bound = design.largest_deflection(solution, _WIDTH * options.deflection)
+            parts.append(jnp.atleast_1d(bound / options.deflection - 1.0))
+        if not options.allow_slack:
+            parts += [-margin for margin in tension_margins(structure, solution, options.lowest)]
+        return jnp.concatenate(parts)
 
     def problem(parameters):
         solution = analyse(parameters)
-        broken = []
-        if limits[0] is not None:
-            deflection = design.largest_deflection(solution, _WIDTH * limits[0])
-            broken.append(jnp.atleast_1d(deflection / limits[0] - 1.0))
-        if limits[1] is not None:
-            forces = jnp.concatenate([jnp.ravel(v) for v in jax.tree.leaves(solution.tension)])
-            broken.append(1.0 - forces / limits[1])
-        return jnp.sum(parameters), jnp.concatenate(broken), solution
+        several = jnp.ndim(solution.status) > 0
+        broken = jax.vmap(excess)(solution) if several else excess(solution)
+        return jnp.sum(parameters), jnp.ravel(broken), solution
 
     return design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
@@ -232,7 +268,7 @@ def _minimize_pretension(analyse, start, bounds, options):
 def _describe_sum(found, start, limits, options, units):
     """Return the sum of the pretensions of a `Design`, or that there are none, as text.
 
-    `start` has those at the start, [n], N, and `limits` the lines of `_describe_limits`.
+    `start` has those at the start, [n], N, and `limits` the lines of `describe_limits`.
     """
     words = f"sum of the pretensions {units.text(found.loss, 'N')}"
     if float(found.loss) <= _NO_PRESTRESS * float(jnp.abs(start).sum()):
@@ -242,30 +278,6 @@ def _describe_sum(found, start, limits, options, units):
     if options.details:
         words += f", optimality residual (KKT) {found.kkt_residual:.1e}"
     return words
-
-
-def _describe_limits(solution, options, units):
-    """Return lines on the largest displacement, and on each limit: met, or violated by how much.
-
-    Numbers are in `units`.
-    """
-    reached, where = inputs.largest_displacement(solution.phases[-1].displacement_in_phase, units)
-    if options.deflection is None:
-        lines = [f"largest displacement of the last phase {where}"]
-    else:
-        limit = units.text(options.deflection, "m")
-        limit = f"limit on displacements of the last phase: {limit}"
-        verdict = _limit_verdict(reached / options.deflection - 1.0)
-        lines = [f"{limit}, reached {where}: {verdict}"]
-    if options.lowest is not None:
-        forces = np.concatenate(
-            [np.ravel(np.asarray(v, float)) for v in jax.tree.leaves(solution.tension)]
-        )
-        reached = float(forces.min())
-        limit = f"limit on the lowest tension at the end: {units.text(options.lowest, 'N')}"
-        words = _limit_verdict(1.0 - reached / options.lowest)
-        lines.append(f"{limit}, reached {units.text(reached, 'N')}: {words}")
-    return lines
 
 
 def _zero_rounding_errors(pretension, start):
@@ -279,43 +291,3 @@ def _describe_movement(solution, number, units):
     moved = solution.phases[number].displacement_in_phase
     _, where = inputs.largest_displacement(moved, units)
     return f"the pretension moves the form in phase {number + 1} by up to {where}"
-
-
-def _describe_slack_elements(structure, solution):
-    """Return lines on the slack elements of each group at the end of all phases."""
-    parts = (
-        named_groups_of(structure),
-        values_per_group(structure, solution.tension),
-        present_elements(structure, solution.present),
-    )
-    lines = []
-    for (name, group), force, present in zip(*parts, strict=True):
-        slack = np.flatnonzero(slack_elements(group, force, present))
-        if len(slack):
-            shown = [*map(str, slack[:_MOST_NAMED]), *["..."] * (len(slack) > _MOST_NAMED)]
-            where = f" of {name!r}" if name else ""
-            lines.append(
-                f"SLACK at the end: {len(slack)} of {len(group.links)} elements{where}: "
-                f"{', '.join(shown)}"
-            )
-    return lines
-
-
-def _describe_exceeded_strength(structure, solution):
-    """Return a line on elements above their strength in the final state, in a list; or []."""
-    try:
-        used = design.utilization(structure, solution.last)
-    except ValueError:  # no group has a strength
-        return []
-    ratios = [np.ravel(np.asarray(ratio, float)) for ratio in jax.tree.leaves(used)]
-    over = np.concatenate([ratio[ratio > 1.0] for ratio in ratios])
-    if not len(over):
-        return []
-    count = "1 element" if len(over) == 1 else f"{len(over)} elements"
-    most = f"up to {over.max():.3g} times of it"
-    return [f"STRENGTH EXCEEDED: {count} above the breaking force: {most}"]
-
-
-def _limit_verdict(excess):
-    """Return "met" or "violated by 4.9 %"; `excess` is the excess over the limit, divided by it."""
-    return "met" if excess <= _ROUNDING else f"violated by {100 * excess:.2g} %"

@@ -213,9 +213,21 @@ def _add_solve(commands):
     for name in ("title", "author", "date"):
         text = f"{name} in the report (.pdf, .html, .xlsx)"
         command.add_argument(f"--{name}", metavar="TEXT", help=text)
+    _add_combinations(command, "the report has envelopes")
+    text = "largest residual over nodal force at convergence (default 1e-10; 1e-5 in float32)"
+    command.add_argument("--tol", type=parse_positive, help=text)
+    text = "incremental method with N corrections per increment, without full iteration (research)"
+    command.add_argument("--corrections", type=whole_number_up_to(20), metavar="N", help=text)
+    text = "solver of linear equations (default: by size)"
+    command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
+
+
+def _add_combinations(command, effect):
+    """Add the options of combinations of actions; `effect` ends the help of the first."""
     text = (
-        'combine the actions of the scene by these rules, "EN 1990", "ASCE 7-16" or a .json file, '
-        "and analyse all combinations from the end of the phases; the report has envelopes"
+        'combine the actions of the scene by these rules, "EN 1990", "ASCE 7-16" or a .json file '
+        "(default: those that the scene states), and analyse all combinations from the end of the "
+        f"phases; {effect}"
     )
     command.add_argument("--combinations", metavar="RULES", help=text)
     text = "only these rules or limit states, such as serviceability (default: all)"
@@ -223,12 +235,6 @@ def _add_solve(commands):
     text = "equal steps in which each combination is applied (default 1)"
     whole = whole_number_up_to(1000)
     command.add_argument("--case-increments", type=whole, metavar="N", help=text)
-    text = "largest residual over nodal force at convergence (default 1e-10; 1e-5 in float32)"
-    command.add_argument("--tol", type=parse_positive, help=text)
-    text = "incremental method with N corrections per increment, without full iteration (research)"
-    command.add_argument("--corrections", type=whole_number_up_to(20), metavar="N", help=text)
-    text = "solver of linear equations (default: by size)"
-    command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
 
 
 def _add_plot(commands):
@@ -301,13 +307,13 @@ def _add_optimize(commands):
     text = "wanted final tension of all elements, N or in the units of the scene (least squares)"
     command.add_argument("--target", type=number, metavar="T", help=text)
     text = (
-        "smallest pretension with which no node moves more than this in the last phase, m or in "
-        "the units of the scene"
+        "smallest pretension with which no node moves more than this in the last phase (with "
+        "combinations: in each of them), and no cable is slack; m or in the units of the scene"
     )
     command.add_argument("--deflection", type=parse_positive, metavar="D", help=text)
     text = (
-        "smallest pretension with which no final tension is lower than this, N or in the units of "
-        "the scene"
+        "smallest pretension with which no final tension of a cable is lower than this, N or in "
+        "the units of the scene"
     )
     command.add_argument("--lowest", type=parse_positive, metavar="T", help=text)
     text = (
@@ -318,6 +324,8 @@ def _add_optimize(commands):
     command.add_argument(
         "--bounds", type=number, nargs=2, metavar=names, default=whole_range, help=text
     )
+    _add_combinations(command, "limits are kept in all of them")
+    _add_flag(command, "--allow-slack", "let cables be slack at the end (default: none may be)")
     text = "the same pretension for all elements of a group"
     _add_flag(command, "--same-in-group", text)
     text = "maximum number of steps of the search (default 100)"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from .. import plots
 from ..analysis.solution import Solution
@@ -21,6 +20,7 @@ from . import file_names, inputs, outputs
 from .combining import (
     combine_actions,
     describe_largest_values_of_cases,
+    make_checks,
     report_failed_combinations,
     solve_combinations,
 )
@@ -58,10 +58,12 @@ def run(options: Namespace) -> int | None:
         if any(path.lower().endswith(".py") for path in options.save):
             require_exportable(structure)
         solution = solve_scene(options, structure, phases, method)
-        over_cases: dict[str, Any] = {}
-        if combinations is not None and int(solution.status) == status.OK:
+        cases = None
+        if int(solution.status) != status.OK:
+            combinations = None
+        elif combinations is not None:
             cases = solve_combinations(options, structure, phases, combinations, method)
-            over_cases = {"cases": cases, "combinations": combinations}
+        checks = make_checks(scene, solution, cases, combinations)
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = bool(options.report) and not staged
@@ -73,28 +75,33 @@ def run(options: Namespace) -> int | None:
             energy=energy,
             units=units,
             model=bool(report_paths),  # for the screen there is `info`
-            **over_cases,
+            checks=checks,
+            cases=cases,
+            combinations=combinations,
         )
-    if options.report and staged:
-        findings = replace(findings, summary=(*findings.summary, _STAGED))
+    notes = [_STAGED] if options.report and staged else []
+    if scene.checks and checks is None:
+        notes.append("NOT CHECKED, because the analysis failed")
+    findings = replace(findings, summary=(*findings.summary, *notes))
     # before anything is printed, because the reader of a pipe may end
-    wrote = _write_files(options, structure, solution, findings, over_cases)
+    wrote = _write_files(options, structure, solution, findings, cases, combinations)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if "-" in options.report else "\n".join(findings.summary))
-    largest = describe_largest_values(solution, units)
-    if combinations is not None and over_cases:
+    largest = [] if checks is None else str(checks).splitlines()
+    largest += describe_largest_values(solution, units)
+    if combinations is not None and cases is not None:
         largest += describe_largest_values_of_cases(cases, combinations, units)
     print("\n".join([*largest, *(f"wrote {path}" for path in wrote)]))
     if (
         combinations is not None
-        and over_cases
+        and cases is not None
         and report_failed_combinations(options, cases, combinations)
     ):
         return FAILED
     return outputs.report_failure(options, solution)
 
 
-def _write_files(options, structure, solution, findings, over_cases):
+def _write_files(options, structure, solution, findings, cases, combinations):
     """Write report, results and picture to the files that options name; return their paths."""
     wrote = []
     for path in options.report:
@@ -102,7 +109,7 @@ def _write_files(options, structure, solution, findings, over_cases):
             continue
         wrote += findings.save(
             path,
-            pictures=_pictures_for_report(path, structure, solution, findings, over_cases),
+            pictures=_pictures_for_report(path, structure, solution, findings, cases, combinations),
             title=options.title or Path(options.scene).stem,
             author=options.author,
             date=options.date,
@@ -119,12 +126,11 @@ def _write_files(options, structure, solution, findings, over_cases):
     return wrote
 
 
-def _pictures_for_report(path, structure, solution, findings, over_cases):
+def _pictures_for_report(path, structure, solution, findings, cases, combinations):
     """Return the pictures of a report by their captions, of a format that shows them."""
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
-    names = over_cases["combinations"].names if over_cases else None
-    cases = over_cases.get("cases")
+    names = None if combinations is None else combinations.names
     return plots.for_report(structure, solution, cases=cases, names=names, units=findings.units)
 
 

@@ -53,8 +53,8 @@ _TEXTS = {
     NOT_CONVERGED: (
         "no equilibrium found within the allowed Newton steps, with forces far from balance: "
         "there may be none near (a load beyond a limit point: look with trace_path), or it is "
-        "far away (more increments, a larger max_steps); a frame of beams may also be a "
-        "mechanism that turns without limit: look at its hinges"
+        "far away (more increments, a larger max_steps); parts may also slide or turn without "
+        "limit: in a frame look at hinges, in a form at equal tensions along a cable"
     ),
     AT_ROUNDING: (
         "the residual falls no more: it is as small as rounding leaves it. EA is too large for "
@@ -102,8 +102,8 @@ _TEXTS = {
         "direction (look at failures)"
     ),
     BAD_START: (
-        "the loss or its gradient is not finite at the start, or the analysis fails there; "
-        "history.status[0] has its code"
+        "the loss or its gradient is not finite at the start (as of a square root of zero), or the "
+        "analysis fails there; a history has its code"
     ),
     OUTSIDE: "the start is outside its bounds, or a lower bound is above the upper one",
     LIMIT_POINT: (
@@ -190,6 +190,24 @@ class AnalysisError(RuntimeError):
         ...     print(str(error)[:45])
         phase 2, increment 1 of 10 (load factor 0.1),
     """
+
+
+_FORM_CAUSE = (
+    "A cable of one tension all along its length cannot hold others that pull along it: they slide "
+    "along it. Prescribe force densities or lengths there, or tensions that differ"
+)
+_FORM_TEXTS = {
+    NOT_CONVERGED: (
+        "no form was found in which these forces balance; the element that they shorten most is "
+        f"that of NODES. {_FORM_CAUSE}; or allow more steps (max_steps)"
+    ),
+    COLLAPSED: f"these forces balance in no form near: NODES of an element have met. {_FORM_CAUSE}",
+    MECHANISM: (
+        "these forces balance in no form: loads move nodes without limit. Prescribe larger forces, "
+        "smaller loads or lengths; or a part is not held"
+    ),
+}
+"""Texts on forms, whose forces are prescribed, where they differ from those on analyses."""
 
 
 def describe(code: Int[ArrayLike, ""]) -> str:
@@ -293,6 +311,8 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     before = (
         "the analysis that this one starts from has failed: " if hasattr(solution, "phases") else ""
     )
-    met = getattr(solution, "nearest", None) if code == COLLAPSED else None
-    which = "" if met is None else " (here nodes {} and {})".format(*np.asarray(met)[case].tolist())
-    raise AnalysisError(f"{prefix}{before}{describe(code)}".replace("have met", f"have met{which}"))
+    text = describe(code)
+    if hasattr(solution, "nearest"):  # a form
+        ends = "{} and {}".format(*np.asarray(solution.nearest)[case].tolist())
+        text = _FORM_TEXTS.get(code, text).replace("NODES", f"nodes {ends}")
+    raise AnalysisError(f"{prefix}{before}{text}")

@@ -85,8 +85,9 @@ class CableResistance(_OnCables):
         elements: keys of groups, or selections by group; None: all cables with a strength, which is
             the minimum breaking force.
         name, of: as of `Check`.
-        termination: name in `standards.TERMINATIONS`, or loss factor k_e.
-        gamma_r: 1.0, or 0.9 where measures at the anchorage keep bending stresses small.
+        termination: name in `standards.TERMINATIONS`, or loss factor k_e, without unit.
+        gamma_r: 1.0, or 0.9 where measures at the anchorage keep bending stresses small; without
+            unit.
         proof_force: characteristic proof force F_k, N, one number; None: not checked, as it need
             not be where it is above the breaking force over 1.5.
 
@@ -136,7 +137,7 @@ class CableService(_OnCables):
     Args:
         elements: as of `CableResistance`.
         name, of: as of `Check`.
-        fraction: name in `standards.SERVICE_FRACTIONS`, or a number.
+        fraction: name in `standards.SERVICE_FRACTIONS`, or a number, without unit.
         termination: as of `CableResistance`.
 
     Example:
@@ -187,8 +188,8 @@ class CableSafety(_OnCables):
     Args:
         elements: as of `CableResistance`.
         name, of: as of `Check`.
-        factor: smallest breaking force over force; 2.2 is that of ASCE 19.
-        termination: efficiency of fittings, as of `CableResistance`.
+        factor: smallest breaking force over force, without unit; 2.2 is that of ASCE 19.
+        termination: as of `CableResistance`.
 
     Example:
         >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
@@ -230,12 +231,12 @@ class CableFatigue(_OnCables):
     Args:
         elements: as of `CableResistance`.
         name: as of `Check`.
-        of: limit states or rules whose combinations bound the cycle, such as ("SLS frequent",);
+        of: limit states or rules whose combinations bound the cycle, such as "SLS frequent";
             empty: all cases.
         category: name in `standards.FATIGUE_CATEGORIES`, or the range at 2 million cycles, Pa.
-        cycles: number of cycles of constant range.
-        gamma_mf: partial factor of fatigue strength (EN 1993-1-9, table 3.1).
-        gamma_ff: partial factor of the range.
+        cycles: number of cycles of constant range, without unit.
+        gamma_mf: partial factor of fatigue strength, without unit (EN 1993-1-9, table 3.1).
+        gamma_ff: partial factor of the range, without unit.
         area: metallic area, m2, one number; None: that of the groups, where they have one.
 
     The range is one of axial stress. Bending at terminations is to be added by ``gamma_ff``.

@@ -42,7 +42,7 @@ class Check(abc.ABC):
     Attributes:
         name: of the check, for tables and messages.
         of: names of the limit states or of the rules whose combinations count, such as
-            ("ultimate",); empty: all cases.
+            "ultimate"; empty: all cases.
         clause: what the formula is taken from.
         formula: of the utilization.
         units: by the name of a term; those that are missing are "-".

@@ -184,7 +184,7 @@ breaking strength
 def checks(
     structure: Structure,
     solutions: Solution,
-    rules: str | Check | Sequence[Check] = "EN 1993-1-11",
+    rules: str | Check | Sequence[str | Check] = "EN 1993-1-11",
     *,
     combinations: Combinations | None = None,
     names: Sequence[str] | None = None,
@@ -195,9 +195,9 @@ def checks(
         structure: `Structure` that was analysed.
         solutions: `Solution` with a leading axis [n_case], as of `solve_cases`; or that of one
             case.
-        rules: a `Check` or a list of them; or the name of a standard for all cables with a
-            strength: "EN 1993-1-11" (`CableResistance`, and `CableService` where combinations of
-            serviceability are given) or "ASCE 19" (`CableSafety`, 2.2).
+        rules: a `Check`; the name of a standard for all cables with a strength, "EN 1993-1-11"
+            (`CableResistance`, and `CableService` where combinations of serviceability are given)
+            or "ASCE 19" (`CableSafety`, 2.2); or a list of these.
 
     Options:
         combinations: the `Combinations` that `solutions` are the results of; checks of ultimate
@@ -251,34 +251,56 @@ EN 1993-1-11:2006, 7.2
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
-def _list_of_checks(rules, combinations):
-    """Return the checks that rules stand for, a list, and which of a standard count no case."""
-    if isinstance(rules, str):
-        arguments.require_one_of(rules, "rules", list(RULES))
-        found = [make() for make in RULES[rules]]
-        states = () if combinations is None else (*combinations.limit_states, *combinations.rules)
-        known = [one for one in found if set(one.of) & set(states)]
-        # without combinations all cases are taken for ultimate ones: the first check alone
-        known = known or found[:1]
-        names = [one.name for one in known]
-        others = [one for one in found if one.name not in names]
-        return known, tuple(f"{one.name}, without cases of {' or '.join(one.of)}" for one in others)
-    found = [rules] if isinstance(rules, Check) else rules
-    if not isinstance(found, list | tuple) or not found:
-        kind = arguments.describe_type(rules, "[CableResistance()]")
-        raise ValueError(f"rules: expected checks, or the name of a standard, got {kind}")
-    known = {}
-    for k, one in enumerate(found):
-        if not isinstance(one, Check):
-            kind = arguments.describe_type(one, "CableResistance()")
-            raise ValueError(f"rules[{k}]: expected a check, got {kind}")
-        if one.name in known:
-            raise ValueError(
-                f"rules[{k}]: {one.name!r} is the name of rules[{known[one.name]}], too; give "
-                "name=..."
-            )
-        known[one.name] = k
-    return list(found), ()
+def require_checks(
+    rules: str | Check | Sequence[str | Check], structure: Structure, argument: str = "rules"
+) -> None:
+    """Raise ValueError, which names the argument, for rules that `checks` refuses for a structure.
+
+    These are entries that are no checks, and checks of groups or nodes that it does not have.
+    """
+    for one in _list_of_checks(rules, None, argument)[0]:
+        try:
+            one.items(structure)
+        except ValueError as error:
+            raise ValueError(f"{argument}: {error}") from None
+
+
+def _list_of_checks(rules, combinations, argument="rules"):
+    """Return the checks that rules stand for, a list, and which of standards count no case."""
+    several = isinstance(rules, list | tuple) and bool(rules)
+    found, places, not_made = [], {}, ()
+    for k, entry in enumerate(rules if several else [rules]):
+        place = f"{argument}[{k}]" if several else argument
+        if isinstance(entry, str):
+            arguments.require_one_of(entry, place, list(RULES))
+            made, left_out = _checks_of_standard(entry, combinations)
+            not_made += left_out
+        elif isinstance(entry, Check):
+            made = [entry]
+        else:
+            kind = arguments.describe_type(entry, "CableResistance()")
+            raise ValueError(f"{place}: expected a check, or the name of a standard, got {kind}")
+        for one in made:
+            if one.name in places:
+                other = places[one.name]
+                raise ValueError(
+                    f"{place}: {one.name!r} is the name of {other}, too; give name=..."
+                )
+            places[one.name] = place
+        found += made
+    return found, not_made
+
+
+def _checks_of_standard(name, combinations):
+    """Return the checks of a standard for which cases count, and the others in words."""
+    found = [make() for make in RULES[name]]
+    states = () if combinations is None else (*combinations.limit_states, *combinations.rules)
+    known = [one for one in found if set(one.of) & set(states)]
+    # without combinations all cases are taken for ultimate ones: the first check alone
+    known = known or found[:1]
+    names = [one.name for one in known]
+    others = [one for one in found if one.name not in names]
+    return known, tuple(f"{one.name}, without cases of {' or '.join(one.of)}" for one in others)
 
 
 def _counted_cases(check, combinations, count):

@@ -48,6 +48,11 @@ def _rules_of_package():
     return json.loads(text)
 
 
+def names_of_standards() -> list[str]:
+    """Return the names of the standards whose rules the package has."""
+    return list(_rules_of_package())
+
+
 def combination_rules(rules: str | PathLike[str] | Mapping[str, Any]) -> dict[str, Any]:
     """Return the rules of a standard on combinations, to be read, or changed as an annex says.
 

@@ -25,6 +25,7 @@ from .bounds import (
     flat_vector,
 )
 from .nlp_solvers import nlp_solver_by_name
+from .no_derivative import warn_of_undefined_derivative
 from .optimality import solve_kkt_conditions
 from .returned_values import loss_and_status
 from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
@@ -168,7 +169,10 @@ def minimize_subject_to(
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    search.evaluate_at(np.asarray(start, float))
+    first = search.evaluate_at(np.asarray(start, float))
+    derivatives = np.vstack([first.gradient, first.jacobian])
+    values = np.append(first.loss, first.constraints)
+    warn_of_undefined_derivative(values, derivatives, params=params)
     end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(

@@ -225,7 +225,7 @@ def _search_on_host(evaluate, params, box, tol, steps, listen):
     def evaluate_trial(state):
         return first.pop() if first else evaluate(state.trial)
 
-    loop = functools.partial(search_on_host, evaluate_trial)
+    loop = functools.partial(search_on_host, evaluate_trial, params=params)
     return _search(loop, first[0].values.size, params, box, tol, steps, listen)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -150,9 +150,11 @@ class DisplacementLimit(Check):
     Args:
         upper: largest displacement, m.
         nodes: numbers of nodes; None: all.
-        direction: along which the displacement is taken, either way, [3]; None: its size.
-        since: `Solution` or `State` from which displacements count, such as the prestressed state;
-            None: from the nodes of the input.
+        direction: along which the displacement is taken, either way, [3], without unit; None: its
+            size.
+        since: "last phase" for displacements within the last phase, which of cases is the case on
+            the prestressed structure; or the `Solution` or `State` from which they count; None:
+            from the nodes of the input.
         name, of: as of `Check`.
 
     Example:
@@ -167,7 +169,7 @@ class DisplacementLimit(Check):
     upper: Float[ArrayLike, ""]
     nodes: Int[ArrayLike, " n"] | None = None
     direction: Float[ArrayLike, " 3"] | None = None
-    since: Solution | State | None = None
+    since: Literal["last phase"] | Solution | State | None = None
     name: str = "displacement"
     of: Sequence[str] = SERVICE
 
@@ -181,6 +183,8 @@ class DisplacementLimit(Check):
         doubt(f"{self.name}: upper", self.upper, 0.0, 10.0, "is the limit in m?")
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
+        if isinstance(self.since, str):
+            checks.require_one_of(self.since, f"{self.name}: since", ["last phase"])
 
     def _node_numbers(self, structure):
         """Return the numbers of the checked nodes, [n_item]."""
@@ -189,7 +193,8 @@ class DisplacementLimit(Check):
     def inputs(self) -> dict[str, Any]:
         """Return the limit and the direction."""
         along = {} if self.direction is None else {"direction": str(list(self.direction))}
-        since = {} if self.since is None else {"counted from": "the state that was given"}
+        given = self.since if isinstance(self.since, str) else "the state that was given"
+        since = {} if self.since is None else {"displacement since": given}
         return {"limit (m)": self.upper, **along, **since}
 
     def items(self, structure: Structure) -> list[str]:
@@ -198,9 +203,11 @@ class DisplacementLimit(Check):
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return displacements and their utilization."""
-        moved = solution.displacement
-        if self.since is not None:
-            moved = moved - self.since.displacement
+        if isinstance(self.since, str):
+            moved = solution.displacement_since(-1)
+        else:
+            begin = 0.0 if self.since is None else self.since.displacement
+            moved = solution.displacement - begin
         moved = moved[self._node_numbers(structure)]
         if self.direction is None:
             square = jnp.sum(moved**2, axis=-1)
@@ -264,7 +271,8 @@ class ReactionLimit(Check):
 
     Args:
         nodes: numbers of supported nodes.
-        direction: along which the reaction on the structure is taken, [3]; upward by default.
+        direction: along which the reaction on the structure is taken, [3], without unit; upward by
+            default.
         lower: smallest reaction, N: 0 where nothing holds a support down, minus the resistance of
             an anchor where one does.
         upper: largest reaction, N.

@@ -20,7 +20,7 @@ from ..model.structure import Structure
 from ..results import section_forces
 from ..standards.steel_members import (
     IMPERFECTION_FACTORS,
-    ProfileNumbers,
+    Profile,
     SteelSection,
     buckling_reduction,
     combined_bending,
@@ -40,7 +40,7 @@ _BUCKLING_UNITS = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
 class _OnMembers(OnElements):
     """Base of checks of beams, and of bars, which have axial forces alone."""
 
-    profile: ProfileNumbers | Mapping[str, Float[ArrayLike, ""]] | SteelSection | None = None
+    profile: Profile | SteelSection | None = None
     yield_strength: Float[ArrayLike, ""] | None = None
     section_class: int = 3
     places: int = 21
@@ -57,7 +57,9 @@ class _OnMembers(OnElements):
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
         doubt("yield_strength", self.yield_strength, 1e6, np.inf, "is it in Pa?")
-        steel_section(self.profile, self.section_class)
+        section = steel_section(self.profile, self.section_class)
+        if isinstance(self.profile, Mapping):
+            object.__setattr__(self, "profile", section)
 
     @property
     def section(self) -> SteelSection:
@@ -84,7 +86,7 @@ class _OnMembers(OnElements):
     def inputs(self) -> dict[str, Any]:
         """Return the numbers and words that the user gave."""
         s = self.section
-        kind = "" if isinstance(self.profile, SteelSection | Mapping) else "el,"
+        kind = "" if isinstance(self.profile, SteelSection) else "el,"
         kind = "pl," if kind and self.section_class < 3 else kind
         return {
             "section": s.label,
@@ -121,10 +123,12 @@ class MemberSection(_OnMembers):
     Args:
         elements: keys of groups, or selections by group; None: all beams and bars.
         name, of: as of `Check`.
-        profile, section_class: as of `standards.steel_section`.
+        profile: record from `catalogue.profile_data`, or the numbers of a `SteelSection`; in files
+            the name of the record, such as "CHS 168.3x8".
+        section_class: of a profile: 1 or 2 for plastic moduli, 3 for elastic ones.
         yield_strength: f_y, Pa.
         places: number of places along beams.
-        gamma_m0: partial factor.
+        gamma_m0: partial factor, without unit.
 
     Example:
         >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
@@ -184,19 +188,19 @@ class MemberBuckling(_OnMembers):
 
     Args:
         elements, name, of, profile, section_class, yield_strength, places: as of `MemberSection`.
-        lengths: buckling lengths about y and z, m; or one number for both. An element is seldom a
+        lengths: buckling lengths about y and z, or one number for both, m. An element is seldom a
             member: give the length of the member.
-        factors: instead of lengths, the lowest buckling factor of the loads, from
+        factors: instead of lengths, the lowest buckling factor of the loads, without unit, from
             `stiffness.buckling_factor`; the same for all cases: the smallest of `buckling_factors`.
             The critical force is then ``N_ref + factor (N - N_ref)``, the same for elements that do
             not take part in buckling, which is conservative; N_ref where the loads relieve them,
             which they are known to bear.
         reference: `Solution` or `State` that the factors refer to, whose forces are N_ref; None: 0.
         curves: buckling curves about y and z, table 6.2; or one for both.
-        chi_lt: reduction of My for lateral torsional buckling; 1.0 for hollow sections, or where
-            the flange in compression is held.
-        gamma_m1: partial factor.
-        youngs_modulus: Pa.
+        chi_lt: reduction of My for lateral torsional buckling, without unit; 1.0 for hollow
+            sections, or where the flange in compression is held.
+        gamma_m1: partial factor, without unit.
+        youngs_modulus: modulus of elasticity, Pa.
 
     Example:
         >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
@@ -214,7 +218,7 @@ class MemberBuckling(_OnMembers):
 
     name: str = "member buckling"
     of: Sequence[str] = ULTIMATE
-    lengths: float | Sequence[float] | None = None
+    lengths: Float[ArrayLike, ""] | Float[ArrayLike, " 2"] | None = None
     factors: Float[ArrayLike, ""] | None = None
     reference: Solution | State | None = None
     curves: str | Sequence[str] = ("c", "c")

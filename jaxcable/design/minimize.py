@@ -202,7 +202,7 @@ def minimize(
         own_steps = _trace_steps(optimizer, traced, start, (params, args, box, scale, tol), steps)
     problem = traced, own_steps, params, args, box, scale, tol
     if is_plain_call(problem):
-        return _search(search_on_host, problem, steps, listen)
+        return _search(functools.partial(search_on_host, params=params), problem, steps, listen)
     key = jax.tree.structure(problem), steps, listen
     return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
 

@@ -12,6 +12,7 @@ from jax import lax
 from ..common.jax_internals import is_untransformed
 from ..common.progress import Step, Trial, report_progress
 from ..common.types import PyTree
+from .no_derivative import warn_of_undefined_derivative
 
 
 def is_plain_call(arguments: PyTree[Any]) -> bool:
@@ -29,6 +30,8 @@ def search_on_host(
     advance: Callable[[Any, Any], Any],
     state: Any,
     report: Callable[[Any, Any], object] | None = None,
+    *,
+    params: PyTree[Any],
 ) -> Any:
     """Search in a Python loop, for known numbers: every iteration is two short programs.
 
@@ -38,11 +41,18 @@ def search_on_host(
         state: first state; states have a field ``running``.
         report: function of a state and the next one, to report progress; or None.
 
+    Options:
+        params: pytree of the parameters, to name those by which the start has no derivative.
+
     Returns:
         The first state that is not running.
     """
+    first = True
     while state.running:
-        before, state = state, advance(state, evaluate(state))
+        found = evaluate(state)
+        if first:
+            warn_of_undefined_derivative(*found, params=params)
+        before, state, first = state, advance(state, found), False
         if report is not None:
             report(before, state)
     return state

@@ -26,7 +26,7 @@ from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..model.result_parts import named_groups_of, values_per_group
+from ..model.result_parts import named_groups_of, present_elements, slack_elements, values_per_group
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
@@ -299,18 +299,23 @@ def _as_evaluation(analyse, x):
 
 
 def _describe_nearly_slack(structure, solution, first_phase):
-    """Describe each group with cables that are nearly slack in phase `first_phase` or later.
+    """Describe the cables that are slack at the end, or nearly so in phase `first_phase` or later.
 
     Returns a tuple of sentences, empty if the analysis failed or is traced.
     """
     if isinstance(solution.status, jax.core.Tracer) or int(solution.status) != status.OK:
         return ()
     stages = [values_per_group(structure, phase.tension) for phase in solution.phases]
-    words = []
+    words, present = [], present_elements(structure, solution.present)
     for k, (name, group) in enumerate(named_groups_of(structure)):
         if not group.tension_only:
             continue
         force = np.stack([forces[k] for forces in stages])  # [n_phase, n_elem]
+        slack = np.flatnonzero(slack_elements(group, force[-1], present[k]))
+        if len(slack):
+            shown = ", ".join(map(str, slack[:12])) + ", ..." * (len(slack) > 12)
+            count = f"{len(slack)} of {len(group.links)}"
+            words.append(f"{name or 'cables'}: {count} SLACK at the end: elements {shown}")
         later = force[first_phase:]
         bears = np.where(later > 0, later, np.inf)  # without absent elements
         least, small = bears.min(), (bears < _NEARLY_SLACK * force.max()).any(axis=0)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import json
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
@@ -23,10 +23,13 @@ import numpy as np
 
 from .. import loads
 from ..analysis.phases import Phase
-from ..common.checks import holds_boolean
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import Indices
 from ..design.actions import Action
+from ..design.cable_checks import CableFatigue, CableResistance, CableSafety, CableService
+from ..design.check import Check
+from ..design.limit_checks import DisplacementLimit, ReactionLimit, TensionLimit
+from ..design.member_checks import MemberBuckling, MemberSection
 from ..elements import Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs
 from ..elements.element import Element
 from ..loads.load import Load
@@ -36,9 +39,16 @@ from ..materials.law import Law
 from ..model.structure import Structure, is_group
 from ..model.supports import Supports
 from ..sections import LinearSection, Section
+from ..standards import SteelSection
+from .number_lists import decode_float32, decode_numbers, encode_numbers, require_only_key
 from .reading import FileError
 
 UserClass = TypeVar("UserClass", bound=type)
+
+NAMED_RECORDS: dict[str, Callable[[str], Any]] = {}
+"""Functions from a name to a record, by the annotation of the fields that files write as a name.
+
+The catalogue adds its own: "Profile"."""
 
 TYPES: dict[str, type] = {
     cls.__name__: cls
@@ -50,7 +60,9 @@ TYPES: dict[str, type] = {
         *(loads.SelfWeight, loads.SupportMovement, loads.Varying, loads.WindLoads),
         *(loads.Crowd, loads.Train),
         *(loads.EurocodeWind, loads.WindPowerLaw, loads.WindTable),
-        *(Elastic, Parallel, Polygonal, Section, LinearSection),
+        *(Elastic, Parallel, Polygonal, Section, LinearSection, SteelSection),
+        *(CableFatigue, CableResistance, CableSafety, CableService, MemberBuckling, MemberSection),
+        *(DisplacementLimit, ReactionLimit, TensionLimit),
     )
 }
 """Classes whose objects a file can hold, by name."""
@@ -132,7 +144,7 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
         if type(value) in (list, tuple):
             return {"type": type(value).__name__, "items": items}
     if isinstance(value, np.ndarray | np.generic | jax.Array | int | float):
-        return _encode_numbers(value, where)
+        return encode_numbers(value, where)
     raise ValueError(f"{where}: a {type(value).__name__} cannot be written to a file")
 
 
@@ -152,12 +164,23 @@ def _encode_object(value, where, implied):
         own = cls.__module__.partition(".")[0] == __package__.partition(".")[0]
         if own and is_group(value) and isinstance(content, np.ndarray | jax.Array):
             content = _collapse_equal_values(np.asarray(content))
-        if cls is Action and isinstance(content, tuple):
-            fields |= {field.name: list(content)} if content else {}
-            continue
+        place = f"{where}.{field.name}"
+        if isinstance(value, Action | Check) and isinstance(content, tuple | list):
+            if content == field.default:
+                continue
+            if all(isinstance(item, str) for item in content):
+                fields[field.name] = list(content)
+                continue
+            content = content if field.name == "loads" else np.asarray(content)
         if cls is Section and field.name == "laws":
             content = list(content)  # its constructor makes a tuple of it again
-        place = f"{where}.{field.name}"
+        record = NAMED_RECORDS.get(str(field.type).partition(" ")[0])
+        if record is not None and hasattr(content, "name"):
+            if record(content.name) != content:
+                raise ValueError(
+                    f"{place}: {content.name} is not as in the catalogue; give a SteelSection"
+                )
+            content = content.name
         fields[field.name] = encode(content, place, IMPLIED_CLASSES.get(field.name))
     return fields
 
@@ -178,19 +201,6 @@ def _collapse_equal_values(values):
     return values
 
 
-def _encode_numbers(value, where):
-    """Return numbers as nested lists; float32 as {"type": "float32", "values": ...}."""
-    array = np.asarray(value)
-    if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
-        raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
-    if not np.isfinite(array).all():
-        index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ValueError(f"{where}{index or ''}: is not finite; files hold finite numbers only")
-    if array.dtype == np.float32 and not isinstance(value, float):
-        return {"type": "float32", "values": array.astype(float).tolist()}
-    return array.tolist()
-
-
 def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
     """Turn plain data back into the object that `encode` has written.
 
@@ -208,7 +218,7 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
     if data is None or isinstance(data, bool | str):
         return data
     if isinstance(data, float):
-        return _decode_numbers(data, where).item()
+        return decode_numbers(data, where).item()
     if isinstance(data, int):
         if abs(data) > 2**63 - 1:
             raise FileError(f"{where}: the number has more than 64 bits")
@@ -218,14 +228,14 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
     if isinstance(data, list):
         if not data or any(isinstance(item, dict) for item in data):
             return [decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(data)]
-        return _decode_numbers(data, where)
+        return decode_numbers(data, where)
     name = data.get("type")
     if implied is not None:
         if name in ("float32", "list", "tuple"):
             raise FileError(f"{where}: expected a {implied.__name__}, got {data!r:.60}")
         return _decode_object(data, where, implied, depth)
     if name == "float32":
-        return _decode_float32(data, where)
+        return decode_float32(data, where)
     if name in ("list", "tuple"):
         return _decode_sequence(data, where, name, depth)
     if isinstance(name, str):
@@ -233,33 +243,15 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
     return {key: decode(v, f"{where}[{key!r}]", None, depth + 1) for key, v in data.items()}
 
 
-def _decode_float32(data, where):
-    """Return the array or number that {"type": "float32", "values": ...} stands for."""
-    _require_only_key(data, "values", where)
-    values = _decode_numbers(data["values"], where)
-    if np.abs(values).max(initial=0.0) > np.finfo(np.float32).max:
-        raise FileError(f"{where}: the number is too large for float32")
-    return values.astype(np.float32)[()]
-
-
 def _decode_sequence(data, where, name, depth):
     """Return the list or tuple that {"type": "list" or "tuple", "items": [...]} stands for."""
-    _require_only_key(data, "items", where)
+    require_only_key(data, "items", where)
     items = data["items"]
     if not isinstance(items, list):
         raise FileError(f"{where}.items: expected a list, got {items!r:.40}")
     return {"list": list, "tuple": tuple}[name](
         decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(items)
     )
-
-
-def _require_only_key(data, key, where):
-    """Raise FileError unless an object has `key`, beside its "type", and no other field."""
-    if key not in data:
-        raise FileError(f'{where}: "{key}" is missing; {{"type": "{data["type"]}"}} needs it')
-    for other in data.keys() - {"type", key}:
-        name = f'{{"type": "{data["type"]}"}}'
-        raise FileError(f'{where}: {name} has no key {other!r}, only "{key}"')
 
 
 def _decode_object(data, where, implied, depth):
@@ -283,6 +275,12 @@ def _decode_object(data, where, implied, depth):
         place = f"{where}.{key}"
         values[key] = decode(value, place, IMPLIED_CLASSES.get(key), depth + 1)
         _require_field_type(values[key], kinds[key], place)
+        record = NAMED_RECORDS.get(kinds[key].partition(" ")[0])
+        if record is not None and isinstance(value, str):
+            try:
+                values[key] = record(value)
+            except ValueError as error:
+                raise FileError(f"{place}: {error}") from None
     if cls is Section and isinstance(values.get("counts"), np.ndarray):
         values["counts"] = tuple(values["counts"].tolist())
     try:
@@ -324,6 +322,7 @@ EXPLICIT_CLASSES: dict[type, tuple[tuple[str, ...], str]] = {
     Load: (("Load", "Sequence[Load]"), 'a load, such as "type": "NodalLoads"'),
     Law: (("Law", "Sequence[Law]"), 'a law, such as "type": "Elastic"'),
     WindProfile: (("WindProfile",), 'a wind profile, such as "type": "EurocodeWind"'),
+    SteelSection: (("Profile",), 'a section by its numbers, "type": "SteelSection"'),
 }
 """Classes of objects that name theirs: annotations of fields, and words for a message."""
 
@@ -355,43 +354,3 @@ def _suggest_name(name, known):
     # 0.6, Python's default, takes "stays" for "backstay"
     near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.7)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
-
-
-def _decode_numbers(data, where):
-    """Return nested lists as an array of finite numbers or booleans; refuse other data."""
-    try:
-        array = np.array(data)
-    except (ValueError, OverflowError):
-        array = None
-    if array is None or (array.size and array.dtype.kind not in "bif"):
-        place, why = _find_irregular_item(data) or (
-            "",
-            "expected numbers in lists of equal lengths",
-        )
-        raise FileError(f"{where}{place}: {why}")
-    if array.dtype != bool and holds_boolean(data):  # NumPy would count it as 0 or 1
-        raise FileError(f"{where}: expected numbers, got true or false among them")
-    if not np.isfinite(array).all():
-        index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise FileError(f"{where}{index or ''}: the number is too large")
-    return array
-
-
-def _find_irregular_item(data, place=""):
-    """Find the first item of nested lists that is no number, or a list of another length.
-
-    Return its place, such as "[2][0]", and what was expected there, in words; or None.
-    """
-    if not isinstance(data, list):
-        number = isinstance(data, int | float)
-        return None if number else (place, f"expected a number, got {json.dumps(data):.40}")
-    lengths = [len(item) if isinstance(item, list) else 0 for item in data]
-    usual = max(lengths, key=lengths.count, default=0)
-    for k, length in enumerate(lengths):
-        if length != usual and not isinstance(data[k], str | None):
-            text = f"expected numbers in lists of equal lengths, got {length or 'no list'} "
-            return f"{place}[{k}]", f"{text}where others have {usual or 'no list'}"
-    return next(
-        filter(None, (_find_irregular_item(item, f"{place}[{k}]") for k, item in enumerate(data))),
-        None,
-    )

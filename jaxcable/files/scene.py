@@ -19,6 +19,12 @@ standard combine (`design.Action`)::
       {"name": "snow", "kind": "snow",
        "loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -5.0]}}]
 
+"combinations" beside them is the standard by whose rules ``jaxcable solve`` combines them, and
+"checks" are those of the results: names of standards for cables, and objects of `design.Check`::
+
+     "combinations": "EN 1990",
+     "checks": ["EN 1993-1-11", {"type": "DisplacementLimit", "upper": 0.05}]
+
 Fields are the arguments of the classes of this package, in SI units, or in those that the file
 states by ``"units": "kN, m"`` at its top; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
@@ -45,6 +51,9 @@ from ..common.checks import without_warnings
 from ..common.units import UnitsLike, as_units
 from ..common.writing import atomic_write
 from ..design.actions import Action, check_actions
+from ..design.check import Check
+from ..design.checks import require_checks
+from ..design.combination_rules import names_of_standards
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
@@ -66,6 +75,8 @@ def save_scene(
     *,
     units: UnitsLike | None = None,
     actions: Sequence[Action] | None = None,
+    combinations: str | None = None,
+    checks: Sequence[str | Check] | None = None,
 ) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
 
@@ -82,12 +93,16 @@ def save_scene(
             states (see `Units`); default: those of ``scene.units`` if it has some, otherwise SI.
         actions: list of `design.Action` to write beside the phases; default: those of
             ``scene.actions`` if it has some, otherwise none.
+        combinations: name of the standard by whose rules ``jaxcable solve`` combines them, such as
+            "EN 1990"; default: ``scene.combination_rules``.
+        checks: list of `design.Check` and of names of standards, as `design.checks` takes it;
+            default: ``scene.checks``.
 
     Raises:
         ValueError: a file cannot hold the scene: NaN, a traced number, names of groups that are no
-            texts; phases or actions that no analysis takes; unknown units; a unit of temperatures
-            that is needed, or a class of your own whose docstring does not state the units of its
-            fields.
+            texts; phases, actions or checks that the structure does not take; unknown units; a unit
+            of temperatures that is needed, or a class of your own whose docstring does not state
+            the units of its fields.
         OSError: the file cannot be written.
 
     Example:
@@ -119,12 +134,19 @@ def save_scene(
         _require_phase_names(names, len(phases))
     actions = list(getattr(scene, "actions", ()) if actions is None else actions)
     actions = check_actions(actions) if actions else []
+    checks = getattr(scene, "checks", None) if checks is None else checks
+    standard = combinations or getattr(scene, "combination_rules", None)
     data = {
         "structure": encode(structure, "structure", Structure),
         "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
     }
     if actions:
         data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
+    if standard is not None:
+        data["combinations"] = _as_standard(standard, actions)
+    if checks:
+        require_checks(checks, structure, "checks")
+        data["checks"] = [encode(x, f"checks[{k}]") for k, x in enumerate(checks)]
     # after `encode`, which says what a file cannot hold: what is written can be read
     _require_analysable(structure, phases)
     for k, action in enumerate(actions):
@@ -140,6 +162,8 @@ def save_scene(
             data["actions"] = [
                 convert.action(x, f"actions[{k}]", structure) for k, x in enumerate(data["actions"])
             ]
+        if checks:
+            data["checks"] = [convert.check(x, "checks") for x in data["checks"]]
         data = {"units": stated.as_dict(), **data}
     if names is not None:
         named = zip(names, data["phases"], strict=True)
@@ -201,20 +225,20 @@ def _decode_scene(data):
         raise FileError(f"$schema: expected a text, got {_abbreviate(data['$schema'])}")
     unknown = data.keys() - {"format", "version", *_KNOWN}
     if unknown:
-        raise FileError(f"unknown field {min(unknown)!r}; known are {', '.join(_KNOWN[:5])}")
+        raise FileError(f"unknown field {min(unknown)!r}; known are {', '.join(_KNOWN[:-1])}")
     for name, kind, words in _PARTS:
         if not isinstance(data.get(name), kind):
             raise FileError(_describe_unexpected(data, name, words))
     units = _stated_units(data)
-    if units is None:
-        return _decode_parts(data, None)
     try:
+        if units is None:
+            return _decode_parts(data, None)
         return _decode_parts(data, SceneConverter(units, to_si=True)).with_units(units)
     except UnitError:
         raise
-    except FileError as error:
-        hint = "" if units.is_si else f" (numbers in this message are in SI units, not in {units})"
-        raise FileError(f"{error}{hint}") from None
+    except ValueError as error:
+        hint = f" (numbers in this message are in SI units, not in {units})"
+        raise FileError(f"{error}{'' if units is None or units.is_si else hint}") from None
 
 
 def _stated_units(data):
@@ -230,7 +254,7 @@ def _stated_units(data):
 def _decode_parts(data, convert):
     """Return the `Scene` of the data in a file, whose numbers the `SceneConverter` makes SI.
 
-    None in its place leaves them.
+    None in its place leaves them. Raise ValueError for what cannot be analysed.
     """
     part = data["structure"] if convert is None else convert.structure(data["structure"])
     structure = decode(part, "structure", Structure)
@@ -244,24 +268,43 @@ def _decode_parts(data, convert):
         if phases[-1].increments > MOST_INCREMENTS:
             count = phases[-1].increments
             raise FileError(f"phases[{k}].increments = {count}: at most {MOST_INCREMENTS} are read")
-    try:
-        _require_analysable(structure, phases)
-    except ValueError as error:
-        raise FileError(str(error)) from None
+    _require_analysable(structure, phases)
     scene = Scene(structure, phases)
     if any("name" in phase for phase in data["phases"]):
         names = [phase.get("name", f"phase {k}") for k, phase in enumerate(data["phases"], 1)]
-        try:
-            _require_phase_names(names, len(phases))
-        except ValueError as error:
-            raise FileError(str(error)) from None
+        _require_phase_names(names, len(phases))
         scene = scene.with_phase_names(names)
     actions = _decode_actions(data.get("actions"), structure, phases, convert)
-    return scene.with_actions(actions) if actions else scene
+    scene = scene.with_actions(actions) if actions else scene
+    if data.get("combinations") is not None:
+        scene = scene.with_combination_rules(_as_standard(data["combinations"], actions))
+    if data.get("checks") not in (None, []):
+        scene = scene.with_checks(_decode_checks(data["checks"], structure, convert))
+    return scene
+
+
+def _as_standard(name, actions):
+    """Return the name of a standard of combinations; ValueError for another, or without actions."""
+    if name not in names_of_standards():
+        known = ", ".join(names_of_standards())
+        raise ValueError(f"combinations = {name!r:.60}: expected one of {known}")
+    if not actions:
+        raise ValueError(f"combinations = {name!r}: there are no actions to combine")
+    return name
+
+
+def _decode_checks(data, structure, convert):
+    """Return the checks in a file, a list of `Check` and of names of standards."""
+    checks = []
+    for k, own in enumerate(data if isinstance(data, list) else [data]):
+        part = own if convert is None else convert.check(own, f"checks[{k}]")
+        checks.append(decode(part, f"checks[{k}]"))
+    require_checks(checks, structure, "checks")
+    return checks
 
 
 def _decode_actions(data, structure, phases, convert):
-    """Return the actions in a file, a list of `Action`; FileError for what cannot act."""
+    """Return the actions in a file, a list of `Action`; ValueError for what cannot act."""
     if data is None:
         return []
     if not isinstance(data, list):
@@ -274,14 +317,8 @@ def _decode_actions(data, structure, phases, convert):
         part = own if convert is None else convert.action(own, where, structure)
         action = decode(part, where, Action)
         actions.append(action)
-        try:
-            _require_analysable_with(action, where, structure, phases)
-        except ValueError as error:
-            raise FileError(str(error)) from None
-    try:
-        return check_actions(actions) if actions else []
-    except ValueError as error:
-        raise FileError(str(error)) from None
+        _require_analysable_with(action, where, structure, phases)
+    return check_actions(actions) if actions else []
 
 
 def _require_phase_names(names, count):
@@ -316,7 +353,7 @@ def _require_analysable_with(action, where, structure, phases):
         raise ValueError(f"{where}: {text.lstrip(': .')}") from None
 
 
-_KNOWN = ("structure", "phases", "units", "actions", COMMENT, "$schema")
+_KNOWN = ("structure", "phases", "units", "actions", "combinations", "checks", COMMENT, "$schema")
 """Fields of a scene beside its format and version."""
 _PARTS = (
     ("structure", dict, "an object with nodes, elements and supports"),

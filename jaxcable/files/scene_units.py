@@ -53,6 +53,10 @@ class SceneConverter:
         """Return the data of an action on a structure with converted numbers."""
         return self._stage(data, where, Action, structure)
 
+    def check(self, data: Any, where: str) -> Any:
+        """Return the data of a check with converted numbers."""
+        return self._value(data, None, where)
+
     def _stage(self, data, where, cls, structure):
         """Return the data of a `Phase` or an `Action`, which state changes of elements."""
         if not isinstance(data, dict):

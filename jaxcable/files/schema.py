@@ -20,6 +20,9 @@ from ..analysis.phases import Phase
 from ..common.selection import Selection
 from ..common.units import SYMBOLS
 from ..design.actions import Action
+from ..design.check import Check
+from ..design.checks import RULES
+from ..design.combination_rules import names_of_standards
 from ..elements.element import Element
 from ..loads.load import Load
 from ..loads.wind_profiles import WindProfile
@@ -100,8 +103,6 @@ _BEYOND = (
     'also takes the form {"type": "list", "items": [...]}, and single numbers in it as '
     '{"type": "float32", ...}, which no field needs.'
 )
-
-
 _OFFERED: dict[tuple[str, ...], type] = {
     **{words: base for base, (words, _) in EXPLICIT_CLASSES.items()},
     **{(cls.__name__,): cls for cls in (Section, Supports, Selection)},
@@ -128,6 +129,10 @@ def scene_schema() -> dict[str, Any]:
     """
     defs: dict[str, Schema] = {}
     objects = {name: _class_schema(cls, defs) for name, cls in TYPES.items()}
+    standards: Schema = {"enum": list(RULES)}
+    stage, action = (
+        {"defaultSnippets": editor_snippets([cls]), **reference(cls)} for cls in ("Phase", "Action")
+    )
     return {
         "$schema": _DIALECT,
         "$id": f"urn:jaxcable:scene:{VERSION}",
@@ -141,7 +146,7 @@ def scene_schema() -> dict[str, Any]:
                 "$schema": {"type": "string", "description": "place of this schema, for editors"},
                 "format": {"const": FORMAT, "description": "says what the file is"},
                 "version": {
-                    "enum": list(range(1, VERSION + 1)),
+                    "enum": [*range(1, VERSION + 1)],
                     "description": "of the format; a whole number",
                 },
                 COMMENT: _COMMENT,
@@ -153,17 +158,26 @@ def scene_schema() -> dict[str, Any]:
                 "phases": {
                     "description": "stages of the analysis, one after the other",
                     "type": "array",
-                    "items": {"defaultSnippets": editor_snippets(["Phase"]), **reference("Phase")},
+                    "items": stage,
                     "minItems": 1,
                 },
                 "actions": {
                     "description": "named actions on the prestressed structure, which the rules of "
                     "a standard combine: `jaxcable solve --combinations`",
                     "type": ["array", "null"],
-                    "items": {
-                        "defaultSnippets": editor_snippets(["Action"]),
-                        **reference("Action"),
-                    },
+                    "items": action,
+                },
+                "combinations": {
+                    "description": "standard by whose rules `jaxcable solve` combines the actions",
+                    "enum": [*names_of_standards(), None],
+                },
+                "checks": {
+                    "description": "what `jaxcable solve` compares the results of all combinations "
+                    "with, or those of the last phase: the names of standards for all cables with "
+                    "a strength, and checks of groups and nodes",
+                    "type": ["string", "array", "null"],
+                    **if_json_type("string", standards),
+                    "items": {**if_json_type("string", standards), "else": reference("check")},
                 },
             },
             ["format", "version", "structure", "phases"],
@@ -177,7 +191,8 @@ def _class_schema(cls, defs):
 
     Schemas of arrays are added to `defs`, the definitions of the whole schema.
     """
-    name, descriptions, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
+    name, bounds = cls.__name__, _number_bounds(cls)
+    descriptions = field_descriptions(cls, {**TYPES, "Check": Check})
     fields = {
         field.name: _field_schema(cls, field, descriptions, bounds, defs)
         for field in user_fields(cls)
@@ -205,6 +220,7 @@ def _field_annotation(cls, field):
     """Return the annotation of a field as text, with "| None" if a static field may be absent."""
     kind = field.type  # text, but for a class without postponed annotations
     text = kind if isinstance(kind, str) else getattr(kind, "__name__", "Any")
+    text = text.replace("PyTree[Selection]", "PyTree[Bool]")  # both choose elements
     absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
     return f"{text} | None" if absent and "None" not in text else text
 
@@ -238,7 +254,7 @@ def _field_schema(cls, field, descriptions, bounds, defs):
         about["default"] = field.default
     if shown := load_schema_examples()["fields"].get(cls.__name__, {}).get(field.name):
         about["examples"] = shown
-    if annotation == "None" or "set by " in text:
+    if annotation.startswith(("None", "Solution")) or "set by " in text:
         about["doNotSuggest"] = True
     for words, base in _OFFERED.items():
         if annotation.startswith(words):
@@ -272,6 +288,7 @@ def _shared_definitions():
         "load": _any_subclass_schema(Load),
         "law": _any_subclass_schema(Law),
         "wind_profile": _any_subclass_schema(WindProfile),
+        "check": _any_subclass_schema(Check),
         "laws": _one_or_list_schema(reference("law")),
         "loads": _one_or_list_schema(reference("load")),
         "counts": {**_one_or_list_schema({"type": "integer"}), "minItems": 1},

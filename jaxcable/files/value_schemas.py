@@ -33,6 +33,7 @@ _PLAIN: dict[str, Schema] = {
     "float": {"type": "number"},
     "str": {"type": "string"},
     "Key": {"type": ["string", "integer", "null"]},
+    "Profile": {"type": "string"},
     "Sequence[str]": {"type": ["string", "array"], "items": {"type": "string"}},
 }
 _NAMED: dict[str, tuple[list[str], str]] = {  # types and name of what has a definition of its own
@@ -48,6 +49,8 @@ _NAMED: dict[str, tuple[list[str], str]] = {  # types and name of what has a def
 _MIXED = {  # alternatives that have one definition together
     "Load | Sequence[Load]": "Sequence[Load]",
     "str | Sequence[str] | PyTree[Bool": "PyTree[Bool",
+    " | Solution | State | None": " | None",  # no file holds results
+    "Solution | State | None": "None",
     "Section | LinearSection": "AnySection",
 }
 SEQUENCE_TAGS = ["list", "tuple"]

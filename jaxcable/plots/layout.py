@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
 from ..common.types import Float
-from .style import LEGEND, SIZE, new_figure, set_text_size
+from .style import LEGEND, SIZE, fold_labels, fold_text, new_figure, set_text_size
 from .views import View
 
 Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
@@ -52,8 +52,8 @@ def arrange_pictures(
         slots = [(column * wide, row * high, wide, high) for row, column in rows]
     lefts, tops, widths, heights = np.transpose(slots)
     figure = new_figure(max(lefts + widths), max(tops + heights) + _BAR, None)
-    for view, within, title in zip(views, points, titles, strict=True):
-        view.add_axes(figure, within, title)
+    for view, within, title, slot in zip(views, points, titles, slots, strict=True):
+        view.add_axes(figure, within, fold_text(title, slot[2]))
     return figure, slots
 
 
@@ -126,6 +126,7 @@ def _place_legend(figure, handles, width):
     """Put the legend at the lower edge, in as many columns as fit; return its height, inches."""
     if not handles:
         return 0.0
+    fold_labels(handles, width - 2 * _GAP)
     for columns in range(min(4, len(handles)), 0, -1):
         legend = figure.legend(
             handles=handles,
@@ -154,7 +155,7 @@ def _fit_into_slot(axes, slot):
     now = axes.get_position().extents * np.tile(size, 2)
     corner, room = np.array(slot[:2]), np.array(slot[2:])
     if axes.name == "3d":
-        room = room - np.array([0.0, _TITLE])
+        room = room - np.array([0.0, _TITLE * (1 + axes.get_title().count("\n"))])
         factor = (room / (drawn[2:] - drawn[:2])).min()
         middle, at = 0.5 * (drawn[:2] + drawn[2:]), 0.5 * (now[:2] + now[2:])
         half = 0.5 * factor * (now[2:] - now[:2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -24,6 +25,10 @@ MADE_BY = "jaxcable (matplotlib)"
 
 SIZE = 9.5
 """Size of all text, in points: 6 or more when a picture is printed 10 cm wide."""
+
+_CHARACTERS = 12.0
+"""Characters of text on an inch, with some wide ones."""
+_MARK = 0.8  # inches: mark of a legend entry, with the space around it
 
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
@@ -154,6 +159,18 @@ def format_value(value: float) -> str:
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
+def fold_text(text: str, width: float, lines: int = 2) -> str:
+    """Return a text of a picture in at most some lines of a width in inches, then "..."."""
+    count = max(int(_CHARACTERS * width), 8)
+    return "\n".join(textwrap.wrap(text, count, max_lines=lines, placeholder=" ..."))
+
+
+def fold_labels(handles: Sequence[Any], width: float) -> None:
+    """Fold the labels of legend entries, such as long names of groups, to a width in inches."""
+    for handle in handles:
+        handle.set_label(fold_text(handle.get_label(), width - _MARK))
+
+
 def legend_below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:
@@ -163,6 +180,7 @@ def legend_below(
     """
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
+        fold_labels(handles, axes.figure.get_size_inches()[0])
         lower = -drop / (axes.get_position().height * axes.figure.get_size_inches()[1])
         axes.legend(
             handles=handles,

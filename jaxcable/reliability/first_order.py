@@ -146,13 +146,15 @@ def _search_on_host(limit_state, quantities, args, begin, tol, steps, points):
     """Search in Python, one limit state after the other."""
     start = _initial_state(quantities, begin, tol, points=points)
     names, results = names_of_outcome(limit_state.result), []
+    by_name = [{name: np.zeros(shape)} for name, shape in quantities.layout]
     advance = functools.partial(_advance, tol=tol, steps=steps)
     for number in range(1 if names is None else len(names)):
 
         def evaluate(state, number=number):
             return _evaluate(limit_state, np.int32(number), quantities, args, state.trial)
 
-        results.append(_result(search_on_host(evaluate, advance, start), quantities))
+        end = search_on_host(evaluate, advance, start, params=by_name)
+        results.append(_result(end, quantities))
     found = results[0]
     if names is not None:
         found = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)

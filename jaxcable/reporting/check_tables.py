@@ -10,6 +10,9 @@ import numpy as np
 from ..design.checks import CheckResult, Checks
 from .table import Column, Table, make_table
 
+_LONGEST = 60
+"""Characters of the name of a check in that of its table, which is a part of names of files."""
+
 
 def check_tables(checks: Checks) -> dict[str, Table]:
     """Return the table ``checks``, the most utilized first, and one of the items of each check.
@@ -25,7 +28,7 @@ def check_tables(checks: Checks) -> dict[str, Table]:
 def table_name(check: str, taken: Collection[str] = ()) -> str:
     """Return the name of the table of a check; with underscores behind it if it is `taken`."""
     plain = "".join(c if c.isalnum() else "_" for c in check.lower()).strip("_")
-    name = f"check_{plain or 'own'}"
+    name = f"check_{plain[:_LONGEST].rstrip('_') or 'own'}"
     while name in taken:
         name += "_"
     return name

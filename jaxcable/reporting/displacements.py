@@ -93,7 +93,8 @@ def tables_since(
     """
 
     def geometry(analysis):
-        phase = analysis.phases[begin]
+        # cases that begin at the end of the solution have no phases of their own from before
+        phase = (analysis if begin < len(analysis.phases) else solution).phases[begin]
         return np.asarray(phase.positions, float) - np.asarray(phase.displacement_in_phase, float)
 
     if cases is None:

@@ -21,6 +21,7 @@ Nets of models in the laboratory carry hundreds of newtons, structures tens of k
 the limit a number has at most four digits before its point.
 """
 _WIDTH = 110  # columns of notes, as of the widest table; a landscape page has 120 of 9 points
+_WIDEST_CELL = 60  # characters of a cell, beyond which it goes on in the next line
 _OVERHANG = 4  # characters by which a heading may be wider than the values below it
 _SHARED = 4
 """Number of columns from which a unit that all of them have is in the title, not in each heading.
@@ -282,11 +283,16 @@ def table_text(table: Table, most: int | None, scales: Scales, units_of_table: U
     """Return a table as text of at most `most` rows; arguments as of `table_texts`."""
     units, texts, shown, notes = table_texts(table, most, scales, units_of_table)
     title, headings = _title_and_headings(table, units)
-    wrapped = _wrap_headings([headings[k] for k in shown], [max(map(len, texts[k])) for k in shown])
+    widths = [min(max(map(len, texts[k])), _WIDEST_CELL) for k in shown]
+    wrapped = _wrap_headings([headings[k] for k in shown], widths)
     height = max(map(len, wrapped), default=0)
     padded = []
-    for k, heading in zip(shown, wrapped, strict=True):
-        lines = [*[""] * (height - len(heading)), *heading, *texts[k]]
+    folded = [[textwrap.wrap(text, _WIDEST_CELL) or [""] for text in texts[k]] for k in shown]
+    heights = [max(map(len, row)) for row in zip(*folded, strict=True)]
+    for heading, cells in zip(wrapped, folded, strict=True):
+        lines = [*[""] * (height - len(heading)), *heading]
+        for cell, lines_of_row in zip(cells, heights, strict=True):
+            lines += [*cell, *[""] * (lines_of_row - len(cell))]
         width = max(map(len, lines))
         padded.append([line.rjust(width) for line in lines])
     lines = ["  ".join(["", *line]).rstrip() for line in zip(*padded, strict=True)]

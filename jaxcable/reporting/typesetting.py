@@ -45,6 +45,17 @@ def pdf_bytes(document: Document) -> bytes:
     return import_typst().compile(_template(), format="pdf", sys_inputs={"data": data})
 
 
+_LONG_WORD = re.compile(r"\S{21,}")
+_BREAK_AFTER = re.compile(r"[^\W_]{12}|[\W_]")
+
+
+def _breakable(text):
+    """Return a text whose long words, as names of groups may be, can go on in the next line."""
+    return _LONG_WORD.sub(
+        lambda word: _BREAK_AFTER.sub("\\g<0>\N{ZERO WIDTH SPACE}", word[0]), text
+    )
+
+
 def _document_data(document):
     """Return a document as plain data: tables in runs of pages of one format."""
     tables = [(any(part.landscape for part in table.parts), table) for table in document.tables]
@@ -55,7 +66,7 @@ def _document_data(document):
         "author": next((text for word, text in document.facts if word == "author"), ""),
         "program": next(text for word, text in document.facts if word == "program"),
         "facts": document.facts,
-        "summary": document.summary,
+        "summary": [_breakable(text) for text in document.summary],
         "pictures": _picture_rows(document.pictures),
         "middle": middle,
         "runs": [
@@ -72,7 +83,7 @@ def _picture_rows(pictures):
     for caption, svg in pictures:
         width, height = (float(size) for size in _SIZE.findall(svg)[0])
         most = 0.48 * _WIDE if width <= _NARROW else _WIDE
-        one = {"caption": caption, "svg": svg}
+        one = {"caption": _breakable(caption), "svg": svg}
         one["width"] = min(_SCALE * width, most, _HIGH * width / height)
         if width <= _NARROW and alone:
             alone.append(one)
@@ -90,8 +101,9 @@ def _table_data(table) -> dict[str, Any]:
             "headings": part.headings,
             "units": part.units,
             "align": ["right" if is_numeric else "left" for is_numeric in part.numeric],
-            "cells": list(itertools.chain.from_iterable(part.rows)),
+            "cells": [_breakable(text) for text in itertools.chain.from_iterable(part.rows)],
         }
         for part in table.parts
     ]
-    return {"name": table.name, "title": table.title, "parts": parts, "notes": table.notes}
+    title, notes = _breakable(table.title), [_breakable(note) for note in table.notes]
+    return {"name": table.name, "title": title, "parts": parts, "notes": notes}

@@ -14,6 +14,7 @@ body { font: 15px/1.4 system-ui, "Segoe UI", "Liberation Sans", Arial, sans-seri
 h1 { font-size: 1.6rem; margin: 0 0 .4rem; } h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; margin: 0 0 1rem; }
 dt { color: #595959; } dd { margin: 0; }
+h1, h2, p, dd, li, figcaption { overflow-wrap: anywhere; }
 .contents { columns: 21rem; column-gap: 3rem; padding-left: 2rem; }
 .contents li { break-inside: avoid; } .contents a { color: #00558a; }
 .table { overflow-x: auto; margin-bottom: .5rem; }

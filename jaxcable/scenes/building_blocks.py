@@ -37,7 +37,8 @@ class Scene(NamedTuple):
 
     A scene from a file that states its units has them as `units`; its numbers are in SI all the
     same. Pass them on: ``jc.report(structure, solution, units=scene.units)``. A file may also have
-    actions to combine, which the scene has as `actions`, and names of its phases, `phase_names`.
+    actions to combine, which the scene has as `actions`, by the rules `combination_rules`, the
+    `checks` of their results, and names of its phases, `phase_names`.
     """
 
     structure: Structure
@@ -50,10 +51,7 @@ class Scene(NamedTuple):
 
     def with_units(self, units: UnitsLike | None) -> Scene:
         """Return the same scene, in SI, with other `units` to write and to show it in."""
-        scene = _SceneOfFile(*self)
-        vars(scene).update(getattr(self, "__dict__", {}))
-        scene._units = None if units is None else as_units(units)
-        return scene
+        return self._with(units=None if units is None else as_units(units))
 
     @property
     def actions(self) -> list[Any]:
@@ -67,28 +65,43 @@ class Scene(NamedTuple):
 
     def with_phase_names(self, names: Sequence[str] | None) -> Scene:
         """Return the same scene with other `phase_names`, as many as there are phases, or None."""
-        scene = _SceneOfFile(*self)
-        vars(scene).update(getattr(self, "__dict__", {}))
-        scene._phase_names = None if names is None else tuple(names)
-        return scene
+        return self._with(phase_names=None if names is None else tuple(names))
 
     def with_actions(self, actions: Sequence[Any]) -> Scene:
         """Return the same scene with other `actions`, a list of `design.Action`."""
+        return self._with(actions=tuple(actions))
+
+    @property
+    def combination_rules(self) -> str | None:
+        """The name of the standard by whose rules the file combines the actions; None for none."""
+        return getattr(self, "_combination_rules", None)
+
+    def with_combination_rules(self, name: str | None) -> Scene:
+        """Return the same scene with other `combination_rules`, such as "EN 1990"."""
+        return self._with(combination_rules=name)
+
+    @property
+    def checks(self) -> list[Any]:
+        """The checks that the file has, a list as `design.checks` takes it."""
+        return list(getattr(self, "_checks", ()))
+
+    def with_checks(self, checks: Sequence[Any]) -> Scene:
+        """Return the same scene with other `checks`."""
+        return self._with(checks=tuple(checks))
+
+    def _with(self, **values):
+        """Return the same scene with other values of what a file has beside its phases."""
         scene = _SceneOfFile(*self)
-        vars(scene).update(getattr(self, "__dict__", {}))
-        scene._actions = tuple(actions)
+        own = {f"_{name}": value for name, value in values.items()}
+        vars(scene).update(getattr(self, "__dict__", {}), **own)
         return scene
 
 
 class _SceneOfFile(Scene):
-    """A `Scene` that can have units, actions and names of its phases."""
-
-    _units: Units | None = None
-    _actions: tuple[Any, ...] = ()
-    _phase_names: tuple[str, ...] | None = None
+    """A `Scene` that can have what a file has beside structure and phases."""
 
     def _replace(self, **changes):
-        """Return the scene with other fields, in the same units and with the same actions."""
+        """Return the scene with another structure or phases, and all else that the file has."""
         scene = super()._replace(**changes)
         vars(scene).update(vars(self))
         return scene

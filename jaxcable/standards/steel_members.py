@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import Protocol, TypeAlias
 
 import jax.numpy as jnp
 
 from ..common import checks
+from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float
 
 IMPERFECTION_FACTORS = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}
 """Factors alpha of the buckling curves (EN 1993-1-1:2005, table 6.1)."""
 
 
-class SteelSection(NamedTuple):
+@pytree(static=("circular", "label"))
+class SteelSection:
     """Numbers of a cross-section that its resistance depends on; `steel_section` makes it.
 
     Attributes:
@@ -63,8 +65,12 @@ class ProfileNumbers(Protocol):
     Wpl_z: float | None
 
 
+Profile: TypeAlias = "ProfileNumbers | Mapping[str, Float[ArrayLike, '']]"
+"""What `steel_section` makes a section of: a record of the catalogue, or a dict of numbers."""
+
+
 def steel_section(
-    profile: ProfileNumbers | Mapping[str, Float[ArrayLike, ""]] | SteelSection,
+    profile: Profile | SteelSection,
     section_class: int = 3,
 ) -> SteelSection:
     """Return the numbers of a section that its resistance depends on.
@@ -90,7 +96,7 @@ def steel_section(
     if isinstance(profile, SteelSection):
         return profile
     if isinstance(profile, Mapping):
-        unknown = set(profile) - set(SteelSection._fields)
+        unknown = set(profile) - set(SteelSection.__dataclass_fields__)
         missing = {"A", "Iy", "Iz", "Wy", "Wz"} - set(profile)
         if unknown or missing:
             raise ValueError(

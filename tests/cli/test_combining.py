@@ -82,6 +82,113 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
     assert command(f"{words} --report r.txt --report ./r.txt") == 2  # one file twice
 
 
+def test_checks_of_the_scene_are_made(folder, capsys):
+    """By its own standard of combinations; the force that governs is that of the library."""
+    checks = ["EN 1993-1-11", jc.design.TensionLimit(lower=1.0, of=())]
+    more = {"actions": actions(), "combinations": "EN 1990", "checks": checks}
+    jc.save_scene("checked.json", (STRUCTURE, PHASES), **more)
+    assert command("solve checked.json --which 'ULS 6.10' --report r.txt") == 0
+    told = capsys.readouterr().out
+    found = jc.design.combinations(actions(), which=["ULS 6.10"])
+    solutions = jc.design.solve_cases(STRUCTURE, PHASES, found)
+    assert (np.asarray(solutions.status) == 0).all()
+    case, element = np.unravel_index(np.argmax(solutions.tension), solutions.tension.shape)
+    used = float(solutions.tension[case, element]) / (4e4 / 1.5)
+    line = f"cable resistance: utilization {used:.3f}, element {element}, {found.names[case]}, EN"
+    assert line in told and "all 2 checks passed" in told
+    assert "NOT MADE: cable service stress" in told
+    report = (folder / "r.txt").read_text()
+    assert "Checks, largest utilization of each" in report and f"{used:.3f}"[:4] in report
+    assert command("info checked.json") == 0
+    told = capsys.readouterr().out
+    assert "combinations by EN 1990\ncheck EN 1993-1-11\ncheck tension that remains" in told
+
+
+def test_checks_without_combinations_are_those_of_the_end(folder, capsys):
+    """Also of an analysis that fails, of which nothing is known."""
+    names = {"lift": PHASES[0], "load": jc.Phase(loads=LOAD)}
+    taut = jc.design.TensionLimit(lower=1e6)
+    jc.save_scene("end.json", (STRUCTURE, names), checks=[taut])
+    assert command("solve end.json") == 0
+    told = capsys.readouterr().out
+    lowest = float(jc.solve(STRUCTURE, [*names.values()]).tension.min())
+    assert f"that remains: FAILS: utilization {1e6 / lowest:.3f}, element" in told
+    assert ", load, given limit" in told and "1 of 1 checks NOT passed" in told
+    pull = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -6e4)))
+    jc.save_scene("weak.json", (weak_rope(), pull), checks=[taut])
+    assert command("solve weak.json") == 1
+    assert "NOT CHECKED, because the analysis failed" in capsys.readouterr().out
+
+
+NEEDED = 10e3 / 1.2
+"""Pretension of both stays of `stayed_mast` with which a pull of 10 kN at the top slackens none."""
+
+
+def stayed_mast():
+    """A hinged mast with two stays at 0.6 to the horizontal, and winds that pull 10 and 6 kN.
+
+    A pull H changes the forces of the stays by H / (2 0.6) while both are taut; the moment of the
+    mast's force in the deflected shape is 1 in 2000 of it.
+    """
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 20.0], [-15.0, 0.0, 0.0], [15.0, 0.0, 0.0]]
+    mast = jc.Bars([[0, 1]], axial_stiffness=1e13)
+    stays = jc.Cables([[2, 1], [3, 1]], axial_stiffness=5e7, strength=1e6)
+    supports = jc.pinned([0, 2, 3]) + jc.restrained([1], "y")
+    structure = jc.Structure(nodes, {"mast": mast, "stays": stays}, supports)
+    winds = [
+        Action(name, "wind", jc.NodalLoads([1], (pull, 0.0, 0.0)), exclusive="wind")
+        for name, pull in (("west", -10e3), ("east", 6e3))
+    ]
+    return structure, jc.Phase(pretension={"stays": 20e3}), winds
+
+
+def test_optimize_keeps_cables_taut_unless_they_may_be_slack(folder, capsys):
+    structure, prestress, winds = stayed_mast()
+    jc.save_scene("mast.json", (structure, [prestress, jc.Phase(loads=winds[0].loads)]))
+    words = "optimize mast.json --same-in-group --deflection 0.1"
+    assert command(f"{words} --save best.json") == 0
+    assert "SLACK" not in capsys.readouterr().out
+    found = np.unique(np.asarray(jc.load_scene("best.json").phases[0].pretension["stays"]))
+    np.testing.assert_allclose(found, NEEDED, rtol=1e-3)
+    assert command(f"{words} --bounds 100 1e5 --allow-slack") == 0
+    told = capsys.readouterr().out
+    assert "sum of the pretensions 100 N" in told
+    assert "SLACK at the end: 1 of 2 elements of 'stays': 0\n" in told
+    assert command("optimize mast.json --lowest 500 --same-in-group --save best.json") == 0
+    told = capsys.readouterr().out  # of cables: the mast is compressed
+    assert "limit on the lowest tension at the end: 500 N" in told and ": met" in told
+    found = np.unique(np.asarray(jc.load_scene("best.json").phases[0].pretension["stays"]))
+    np.testing.assert_allclose(found, NEEDED + 500.0, rtol=1e-3)
+    for words, message in (
+        ("--lowest 10 --allow-slack", "--allow-slack: contradicts --lowest"),
+        ("--target 10 --allow-slack", "--allow-slack: is for --deflection and --lowest"),
+        ("--target 10 --combinations 'EN 1990'", "--combinations: is for --deflection and"),
+    ):
+        assert command(f"optimize mast.json {words}") == 2
+        assert message in capsys.readouterr().err
+
+
+def test_optimize_keeps_limits_in_all_combinations(folder, capsys):
+    structure, prestress, winds = stayed_mast()
+    jc.save_scene("mast.json", (structure, prestress), actions=winds, combinations="EN 1990")
+    words = "optimize mast.json --same-in-group --deflection 0.1 --which 'SLS characteristic'"
+    assert command(f"{words} --save best.json") == 0
+    told = capsys.readouterr().out
+    found = np.unique(np.asarray(jc.load_scene("best.json").phases[0].pretension["stays"]))
+    np.testing.assert_allclose(found, NEEDED, rtol=1e-3)
+    many = jc.design.combinations(winds, which=["SLS characteristic"])
+    name = many.names[[many.formula(k) for k in range(len(many))].index("1 west")]
+    assert "limit on displacements of 3 combinations: 0.1 m" in told and f" in {name}: met" in told
+
+
+def weak_rope():
+    """A hanging rope that yields at 40 kN."""
+    law = jc.Polygonal([0.0, 2e-3, 0.1], [0.0, 4e8, 4e8])
+    rope = jc.Cables([[0, 1]], area=1e-4, law=law)
+    supports = jc.pinned([0]) + jc.restrained([1], "xy")
+    return jc.Structure([[0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rope, supports=supports)
+
+
 REFUSED = {
     "bare.json --combinations 'EN 1990'": "bare.json: has no actions to combine",
     "rope.json --combinations 'EN 199'": "rules = 'EN 199': expected a name",
@@ -102,10 +209,7 @@ def test_what_cannot_be_combined_is_refused(words, folder, capsys):
 
 def test_combinations_that_fail_are_named(folder, capsys):
     """A rope yields at 40 kN, and 1.5 times the snow is 60 kN: other cases are reported."""
-    law = jc.Polygonal([0.0, 2e-3, 0.1], [0.0, 4e8, 4e8])
-    rope = jc.Cables([[0, 1]], area=1e-4, law=law)
-    supports = jc.pinned([0]) + jc.restrained([1], "xy")
-    structure = jc.Structure([[0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], rope, supports=supports)
+    structure = weak_rope()
     phases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1000.0)))]
     jc.save_scene("weak.json", (structure, phases), actions=actions(-4e4)[1:])
     words = "solve weak.json --combinations 'EN 1990' --which 'ULS 6.10' --report"

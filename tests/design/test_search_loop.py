@@ -83,3 +83,43 @@ def test_what_a_function_captures_may_be_traced():
     np.testing.assert_allclose(jax.vmap(nearest)(several), several, atol=1e-9)
     with pytest.raises(ValueError, match="no derivative"):
         jax.jacfwd(nearest)(several[0])
+
+
+def norms(p):
+    """Lengths of vectors, of which the first is zero: its length has no derivative."""
+    return jnp.linalg.norm(
+        jnp.array([[0.0, 0.0], [3.0, 4.0], [1.0, 0.0], [0.0, 1.0]]) * p["scale"][1], axis=1
+    )
+
+
+SCALES = {"other": jnp.array(1.0), "scale": jnp.array([2.0, 2.0])}
+UNDEFINED = {
+    "fit": (lambda: jc.fit(norms, SCALES), "of value 0 by"),
+    "minimize": (lambda: jc.minimize(lambda p: jnp.sqrt(p["scale"][1] - 2.0), SCALES), "by"),
+    "constrained": (
+        lambda: jc.design.minimize_subject_to(lambda p: (p["scale"][1], norms(p)), SCALES),
+        "of value 1 by",  # value 0 is the loss
+    ),
+    "first order": (
+        lambda: jc.reliability.first_order(
+            lambda x: 1.0 + jnp.sqrt(x["scale"][1] ** 2),
+            {
+                "other": jc.reliability.Normal(1.0, 0.1),
+                "scale": jc.reliability.Normal([2.0, 0.0], 0.1),
+            },
+        ),
+        "by",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNDEFINED)
+def test_a_derivative_that_is_not_finite_names_the_parameter(name):
+    """Where the value is finite: not a failed analysis, but a norm of zero."""
+    search, words = UNDEFINED[name]
+    with pytest.warns(
+        jc.InputWarning, match=rf"{words} .*params.*'scale'\]\[1\].*is not finite"
+    ) as told:
+        found = search()
+    assert int(found.status) == status.BAD_START and len(told) == 1
+    assert "norm or a square root of zero" in str(told[0].message)

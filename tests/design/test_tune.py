@@ -298,3 +298,18 @@ def test_what_is_refused(unknowns, wanted, said):
 def test_targets_that_are_none(options, said):
     with pytest.raises(ValueError, match=said):
         Target("tension", **options)
+
+
+def test_stays_that_end_slack_are_named():
+    """A pull of 10 kN on two stays at 0.6 to the horizontal, of 2 kN: one carries all, 10 / 0.6."""
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 20.0], [-15.0, 0.0, 0.0], [15.0, 0.0, 0.0]]
+    mast = jc.Bars([[0, 1]], axial_stiffness=1e10)
+    stays = jc.Cables([[2, 1], [3, 1]], axial_stiffness=5e7)
+    supports = jc.pinned([0, 2, 3]) + jc.restrained([1], "y")
+    structure = jc.Structure(nodes, {"mast": mast, "stays": stays}, supports)
+    pull = jc.Phase(loads=jc.NodalLoads([1], (-10e3, 0.0, 0.0)))
+    phases = [jc.Phase(pretension={"stays": 2e3}), pull]
+    target = jc.design.Target("tension", 10e3 / 0.6, at=1, on="stays", within=100.0)
+    tuned = jc.design.tune(structure, phases, [(0, "pretension")], target, smooth=False, steps=3)
+    assert int(tuned.solution.status) == 0 and float(tuned.solution.tension["stays"][0]) == 0.0
+    assert any("stays: 1 of 2 SLACK at the end: elements 0" in one for one in tuned.remarks)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.common.tree import Indices
 from jaxcable.files import FileError
 
 Action = jc.design.Action
@@ -94,3 +95,102 @@ def test_what_cannot_act_is_refused(message, tmp_path):
     path.write_text(json.dumps({**data, "actions": BAD[message]}))
     with pytest.raises(FileError, match=message):
         jc.load_scene(path)
+
+
+# --- standards of combinations, and checks
+
+SNOW_ACTION = Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
+ROPES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, weight=10.0, strength=4e4)
+STEEL = jc.Bars([[0, 2]], axial_stiffness=1e7)
+TIED = jc.Structure(NODES, {"ropes": ROPES, "strut": STEEL}, jc.pinned([0, 2]))
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
+WELDED = jc.standards.SteelSection(4e-3, 1e-5, 2e-5, 1e-4, 2e-4, circular=True, label="welded")
+CHECKS = [
+    "EN 1993-1-11",
+    jc.design.CableSafety(factor=2.5, elements={"ropes": jc.only([1])}),
+    jc.design.CableFatigue(category=110e6, of="SLS frequent", area=2e-4),
+    jc.design.MemberSection(profile=TUBE, yield_strength=355e6, elements="strut", section_class=1),
+    jc.design.MemberBuckling(
+        **{"profile": WELDED, "yield_strength": 235e6, "lengths": (4.0, 6.0), "curves": "b"}
+    ),
+    jc.design.DisplacementLimit(0.05, [1], (0.0, 0.0, 1.0), since="last phase"),
+    jc.design.TensionLimit(lower=300.0, name="taut", of=()),
+    jc.design.ReactionLimit([0, 2], lower=-5e3, upper=9e3),
+]
+
+
+def content_of(one):
+    """A check, or a value in it, as plain data."""
+    if isinstance(one, str):
+        return one
+    if isinstance(one, dict):
+        return {key: content_of(value) for key, value in one.items()}
+    if hasattr(one, "__dataclass_fields__"):
+        fields = {name: getattr(one, name) for name in one.__dataclass_fields__}
+        return type(one), content_of(fields)
+    return one.array.tolist() if isinstance(one, Indices) else np.asarray(one).tolist()
+
+
+@pytest.mark.parametrize("units", [None, "kN, mm"])
+def test_checks_and_their_standard_are_read_back(units, tmp_path):
+    path, more = tmp_path / "scene.json", {"combinations": "EN 1990", "checks": CHECKS}
+    jc.save_scene(path, (TIED, PHASES), units=units, actions=[SNOW_ACTION], **more)
+    scene = jc.load_scene(path)
+    assert scene.combination_rules == "EN 1990" and len(scene.checks) == len(CHECKS)
+    jc.save_scene(path, scene._replace(phases=PHASES))  # with all that it has
+    again = jc.load_scene(path)
+    assert [content_of(one) for one in again.checks] == [content_of(one) for one in scene.checks]
+    if units is None:  # to the last digit; others to the rounding of their units
+        assert list(map(content_of, again.checks)) == list(map(content_of, CHECKS))
+    data = json.loads(path.read_text())
+    assert data["checks"][3]["profile"] == "CHS 168.3x8"
+    force, length = (1.0, 1.0) if units is None else (1e-3, 1e3)
+    stated = data["checks"][4]
+    assert stated["profile"]["Wy"] == pytest.approx(1e-4 * length**3, rel=1e-15)
+    assert stated["yield_strength"] == pytest.approx(235e6 * force / length**2, rel=1e-15)
+    assert data["checks"][7]["lower"] == pytest.approx(-5e3 * force, rel=1e-15)
+
+
+SERVICE = {"type": "CableService"}
+BAD_CHECKS = {
+    r"checks\[0\] = 'EN 1993': expected one of": "EN 1993",
+    r"checks\[0\]: expected a check": [5],
+    r"checks\[1\]: .*is the name of checks\[0\]": [SERVICE, SERVICE],
+    r"checks\[0\]: CableService has no key 'fractoin'": [{**SERVICE, "fractoin": 0.4}],
+    "checks: cable service stress: elements = 'nett'": [{**SERVICE, "elements": "nett"}],
+    r"checks\[0\].*profile: .*CHS": [
+        {"type": "MemberSection", "yield_strength": 355e6, "profile": "CHS 168"}
+    ],
+    r'checks\[0\].profile: "type" is missing': [
+        {"type": "MemberSection", "yield_strength": 355e6, "profile": {"A": 1.0}}
+    ],
+    "reaction: nodes": [{"type": "ReactionLimit", "nodes": [99], "lower": 0.0}],
+}
+
+
+@pytest.mark.parametrize("message", BAD_CHECKS)
+def test_what_cannot_be_checked_is_refused(message, tmp_path):
+    path = tmp_path / "scene.json"
+    jc.save_scene(path, (TIED, PHASES), checks=["ASCE 19"])
+    data = json.loads(path.read_text())
+    assert jc.load_scene(path).checks == ["ASCE 19"]  # the control
+    path.write_text(json.dumps({**data, "checks": BAD_CHECKS[message]}))
+    with pytest.raises(FileError, match=message):
+        jc.load_scene(path)
+
+
+def test_files_hold_no_results_and_no_standard_without_actions(tmp_path):
+    path = tmp_path / "scene.json"
+    calm = jc.solve(TIED, PHASES)
+    assert int(calm.status) == 0
+    since = jc.design.DisplacementLimit(0.1, since=calm)
+    own = jc.design.OwnCheck("own", lambda structure, solution: solution.reactions[0, 0])
+    other = jc.catalogue.profile_data("SHS 100x5", manufacture="cold-formed")
+    cold = jc.design.MemberSection(profile=other, yield_strength=355e6)
+    for check, message in ((since, "Solution"), (own, "OwnCheck"), (cold, "not as in the catalog")):
+        with pytest.raises(ValueError, match=rf"checks\[0\].*{message}"):
+            jc.save_scene(path, (TIED, PHASES), checks=[check])
+    for standard, message in (("EN 1990", "no actions"), ("EN", "expected one of EN 1990")):
+        with pytest.raises(ValueError, match=f"combinations = '{standard}': .*{message}"):
+            jc.save_scene(path, (TIED, PHASES), combinations=standard)
+    assert not path.exists()

@@ -122,6 +122,12 @@ def fits(example, kind, field=None):
     if kind == "Action":
         own = {"name": "cold", "kind": "wind", "temperature": {"guys": -1.0}, field: example}
         data = {**data, "actions": [own if field else example]}
+    elif kind == "SteelSection":
+        section = {"type": "MemberSection", "profile": example, "yield_strength": 355e6}
+        data = {**data, "checks": [section]}
+    elif issubclass(OWN[kind], jc.design.Check):
+        guys |= {"strength": 2e5}
+        data = {**data, "checks": [example]}
     elif kind == "Phase":
         phase = {field: example} if field else example
     elif kind in ("Elastic", "Polygonal"):

@@ -325,7 +325,7 @@ def test_nodes_that_have_met_are_named():
     form = find_form(structure, np.array([10.0, 10.0, 50.0]), down(3, 0.0))
     assert int(form.status) == jc.status.COLLAPSED and np.isnan(form.positions).any()
     assert form.nearest.tolist() == [2, 3]
-    with pytest.raises(jc.AnalysisError, match=r"have met \(here nodes 2 and 3\): a rope"):
+    with pytest.raises(jc.AnalysisError, match="nodes 2 and 3 of an element have met"):
         jc.raise_if_failed(form)
 
 
@@ -402,3 +402,30 @@ def form_of(structure, *args, **options):
 def test_refused(ask, said):
     with pytest.raises(ValueError, match=said):
         ask()
+
+
+def test_ties_that_slide_along_a_cable_are_named():
+    """Ties of 6 kN pull six nodes of a cable of 10 kN sideways: only its last link can resist.
+
+    The balance along the cable asks for other tensions in each of its links; equal ones leave a
+    part of the pull. The last node slides to the end of its tie.
+    """
+    x = np.linspace(0.0, 6.0, 8)
+    edge = [(a, 0.6 * (1 - (a / 3 - 1) ** 2), 0.0) for a in x]
+    nodes = edge + [(a + 2.0, 3.0, 0.5) for a in x[1:-1]]
+    groups = {
+        "edge": jc.Cables([[k, k + 1] for k in range(7)], axial_stiffness=1e6),
+        "ties": jc.Cables([[k, 7 + k] for k in range(1, 7)], axial_stiffness=1e6),
+    }
+    net = jc.Structure(nodes, groups, jc.pinned([0, *range(7, 14)]))
+    form = jc.find_form(net, {"edge": 10e3, "ties": 6e3}, method=jc.Newton(max_steps=60))
+    assert int(form.status) in (jc.status.NOT_CONVERGED, jc.status.COLLAPSED)
+    first, last = form.nearest.tolist()
+    assert last == first + 7  # a tie
+    with pytest.raises(jc.AnalysisError) as told:
+        jc.raise_if_failed(form)
+    text = str(told.value)
+    assert f"nodes {first} and {last}" in text and "slide along it" in text
+    assert "hinge" not in text and "beam" not in text
+    densities = jc.find_form(net, force_density={"edge": 10e3, "ties": 2e3})  # the advice
+    assert int(densities.status) == 0

@@ -667,8 +667,8 @@ design.envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 design.envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
 design.checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
 design.checks(HUNG, solution(), "EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
-design.checks(HUNG, solution(), 5)  # rules: expected checks, or the name of a standard, got int
-design.checks(HUNG, solution(), [5])  # rules[0]: expected a check, got int
+design.checks(HUNG, solution(), 5)  # rules: expected a check, or the name of a standard
+design.checks(HUNG, solution(), [5])  # rules[0]: expected a check, or the
 design.checks(HUNG, solution())  # cable resistance: no group of the structure has cables with a
 design.checks(HUNG, solution(), design.CableResistance("net"))
     # cable resistance: elements of 'net' have no strength

@@ -85,3 +85,22 @@ def test_the_command_draws_without_an_analysis(tmp_path, capsys, monkeypatch):
 def test_a_wrong_view_is_refused():
     with pytest.raises(ValueError, match="view = 'front': expected"):
         jc.plots.model(MAST, view="front")
+
+
+def test_long_names_and_titles_stay_within_the_picture():
+    """Names of groups and phases of 200 characters, with spaces and without."""
+    for gap in (" ", "_"):
+        name = gap.join(["cables of the northern hall".replace(" ", gap)] * 8)[:200]
+        structure, phases = jc.scenes.flat_net()
+        named = jc.replace(structure, elements={name: structure.elements})
+        solution = jc.solve(named, phases)
+        assert int(solution.status) == 0
+        pictures = jc.plots.model(named), jc.plots.net(solution, names=[name, name[::-1]])
+        for figure in pictures:
+            figure.canvas.draw()
+            parts = [*figure.legends, *(axes.title for axes in figure.axes)]
+            shown = [text for legend in figure.legends for text in legend.get_texts()]
+            assert any(text.get_text()[:20] == name[:20] for text in [*shown, *parts[1:]])
+            for part in parts:
+                box = part.get_window_extent()
+                assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1

@@ -78,3 +78,5 @@ def test_names_of_tables_differ():
     assert table_name("Cable, 1") == "check_cable__1"
     assert table_name("cable; 1", {"check_cable__1"}) == "check_cable__1_"
     assert table_name("=") == "check_own"
+    long = table_name(200 * "x")  # a part of names of files, which have at most 255 characters
+    assert len(long) < 80 and table_name(200 * "x" + "y", {long}) == long + "_"

@@ -115,6 +115,21 @@ def test_names_of_phases_come_with_them_or_apart(solution):
         jc.report(BRIDGE, solution, {"stays": PHASES["stays"]})
 
 
+def test_cases_move_since_a_phase_before_them(solution):
+    """Cases that begin at the end of the phases have no phases of their own from before."""
+    push = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0)))
+    cases = jc.design.solve_cases(BRIDGE, None, [push], start=solution)
+    assert np.asarray(cases.status).tolist() == [0]
+    found = jc.report(BRIDGE, solution, PHASES, cases=cases, since="bearing")
+    table = found.tables["displacements_since"]
+    begin = solution.phases[1].positions - solution.phases[1].displacement_in_phase
+    moved = np.asarray(cases.positions[0] - begin)
+    for row in table.rows:
+        shown = [row[table.columns.index(f"u{axis}")] for axis in "xyz"]
+        np.testing.assert_allclose(shown, moved[row[0]], rtol=1e-12, atol=1e-15)
+    assert len(table.rows) > 0
+
+
 def test_stages_have_their_forces_and_reactions():
     """Of three phases, by their solutions: forces of active elements, reactions and their sum."""
     third = jc.Phase(adds={"strut": [True]}, loads=jc.NodalLoads([2], (0.0, 0.0, -300.0)))

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import jaxcable as jc
 from jaxcable.reporting import Report, Table
 from jaxcable.reporting.document import Heading, make_document, picture_svgs
-from jaxcable.reporting.typesetting import _picture_rows
+from jaxcable.reporting.typesetting import _document_data, _picture_rows
 from jaxcable.reporting.web_page import page_text
 
 ODD = "=1+1 <b> & #let $x$ @a *b* _c_ `d` \\e [f]"
@@ -111,6 +111,25 @@ def test_a_pdf_has_pages_a_title_and_no_date(tmp_path):
     assert first.startswith(b"%PDF-1.") and b"CreationDate" not in first
     assert len(re.findall(rb"/Type\s*/Page\b", first)) >= 2
     assert saved(odd_report(), path, title=ODD, author="A", pictures={ODD: picture()}) == first
+
+
+@pytest.mark.parametrize("gap", [" ", "_"])
+def test_names_of_200_characters_stay_in_their_columns(gap):
+    name = gap.join(["cables of the northern hall".replace(" ", gap)] * 8)[:200]
+    table = Table("Forces", ("group", "F"), ("", "N"), [[name, 1.0], ["ties", 2.0]])
+    report = Report(0, ("status 0",), {"forces": table})
+    lines = report.text().splitlines()
+    assert max(map(len, lines)) <= 75  # 60 characters of a cell, and numbers beside it
+    shown = re.sub(r"\s|1\.000", "", report.text())
+    assert name.replace(" ", "") in shown  # all of it
+    first, second = (next(k for k, line in enumerate(lines) if n in line) for n in ("1.0", "2.0"))
+    assert second - first == 4 and "ties" in lines[second]  # the name goes on in lines between
+    document = make_document([name], {"forces": table}, None, Heading(), {}, None)
+    data = _document_data(document)
+    (cells,) = (part["cells"] for run in data["runs"] for t in run["tables"] for part in t["parts"])
+    for text in (cells[0], *data["summary"]):
+        assert max(map(len, re.split(r"[\s\u200b]", text))) <= 20
+        assert text.replace("\u200b", "") == name
 
 
 def test_wide_tables_are_turned_and_then_split():
