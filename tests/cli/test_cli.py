@@ -338,7 +338,7 @@ def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
 def test_optimize_does_not_say_that_limits_are_met_that_are_not(scene, capsys):
     """Bounds allow no pretension: the sum is zero, and the net sags more than it may."""
     jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
-    assert command("optimize net.json --deflection 0.001 --bounds 0 0 --one") == 1
+    assert command("optimize net.json --deflection 0.001 --bounds 0 0 --same-in-group") == 1
     out = capsys.readouterr().out
     assert "no pretension is needed" not in out and "violated by" in out
     assert "the best design found has no pretension" in out
@@ -399,7 +399,7 @@ def test_optimize_keeps_its_limits(scene, capsys, monkeypatch):
     limit = "limit on displacements of the last phase: 0.012 m, reached"
     assert f"{limit} {reached:.6g} m at node" in told and ": met\n" in told
     assert 0 <= float(told.split("residual (KKT) ")[1].split(",")[0]) <= 1e-6
-    words = "--one --bounds 0 215 --deflection 0.0115 --lowest 250"
+    words = "--same-in-group --bounds 0 215 --deflection 0.0115 --lowest 250"
     assert command(f"optimize net.json {words} --save no.json") == 1
     told, err = capsys.readouterr()
     structure, (prestress, loading) = jc.load_scene("net.json")
