@@ -62,11 +62,9 @@ def tension_margins(
     for force, strain, present in zip(*parts, strict=True):
         if force is None:
             continue
-        # a catenary is taut, however it sags: only of cables that are slack the strain is below 0
         strain = 0.0 * force if strain is None else strain / _STRAIN
-        above = jnp.abs(strain) if lowest is None else force / lowest
-        slack = (force <= 0) & (strain < 0)
-        margin = jnp.where(slack, strain, above) - (0.0 if lowest is None else 1.0)
+        above = strain if lowest is None else force / lowest
+        margin = jnp.where(strain < 0, strain, above) - (0.0 if lowest is None else 1.0)
         margins.append(margin if present is None else jnp.where(present > 0, margin, 1.0))
     return margins
 

@@ -15,13 +15,14 @@ import jax.numpy as jnp
 
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial, is_one_sided
 from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..numerics import implicit
 from ..programs.program_calls import as_program
+from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .arguments import require_result, require_structure
 from .bounds import broadcast_to_params, check_params
 from .objectives import smooth_min
@@ -69,23 +70,18 @@ def slack_distance(
                 f"slack_distance: elements{where} ({type(group).__name__}) has no strain along an "
                 "axis (ability `Uniaxial`)"
             )
-    rows, groups = structure.motion_rows()
-    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node_of_row])
-    same = len(groups) == len(solution.restart.states)
-    if not same or len(nodes) != len(solution.restart.motion):
-        raise ValueError("solution: is of another structure")
-    without_indices, index_arrays = split_indices(
-        (groups, solution.restart.states, nodes, solution.restart.motion)
-    )
-    return structure.arrange(_strains_above_slackening(without_indices, index_arrays))
+    split = split_solution_state(structure, solution, unknowns=False)
+    return structure.arrange(_strains_above_slackening(*split))
 
 
 @as_program
-def _strains_above_slackening(without_indices, index_arrays):
+def _strains_above_slackening(without_indices, index_arrays, dof_map):
     """Return cables' strains minus their strains at zero force, [n_elem] or None by group."""
-    groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
+    motion = restart.motion
+    system = make_system(nodes, groups, restart, motion, dof_map)  # with the loads along elements
     found = []
-    for group, state in zip(groups, states, strict=True):
+    for group, state in zip(groups, system.states, strict=True):
         if not is_one_sided(group) or not isinstance(group, Uniaxial):
             found.append(None)
             continue

@@ -211,6 +211,14 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         kink = super().at_kink(state, ends, motion)
         return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
 
+    def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the axial strain of one cable: under a load along it that of its tension."""
+        strain = super().section_strain(state, ends, motion)
+        if state.line_load is None:
+            return strain
+        pulled = self.strain_at(self.tension(state, ends, motion))
+        return jnp.where(jnp.any(state.line_load != 0), pulled, strain)
+
     def end_tensions(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
         """Return the tensions of one cable at its first and its second end, [2], N."""
         if state.line_load is None:

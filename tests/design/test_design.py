@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 from oracles.convergence import converged
 from oracles.traced import traced
 from scipy.special import logsumexp
@@ -292,6 +293,20 @@ def test_distance_to_slackening(tension):
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), solution)
     for both in (batch, batch.last):
         assert (design.slack_distance(LINE, both)[1] == distance).all()
+
+
+def test_a_cable_that_hangs_is_not_slack():
+    """However it sags: at the ends ``T = w S / 2 coth(w l / 2 H)``, sinh(w l / 2 H) = w S / 2 H."""
+    length, span, weight, stiffness = 10.5, 10.0, 5.0, 1e5
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=stiffness, rest_length=length, weight=weight)
+    structure = jc.Structure([[0.0, 0, 0], [span, 0, 0]], cable, supports=jc.pinned([0, 1]))
+    solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight())))
+    a = scipy.optimize.brentq(lambda a: np.sinh(a) / a - length / span, 0.1, 2.0)  # w l / 2 H
+    expected = weight * length / 2 / np.tanh(a) / stiffness
+    found = design.slack_distance(structure, solution)[0]
+    # its own strain of 5e-4 makes it longer by 1 % of what it is longer than the span
+    assert float(found) == pytest.approx(expected, rel=1e-2)
+    assert float(solution.rest_length[0]) > 1.04 * span  # control: the chord is not strained
 
 
 def test_distance_of_a_failed_analysis_and_known_kinks():

@@ -797,7 +797,7 @@ jc.report(HUNG, solution(), combinations=design.combinations([SNOW]))
 design.utilization(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
 design.utilization(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
 design.utilization(3, 1.0)  # structure: expected a Structure, got int
-design.slack_distance(net(), solution())  # solution: is of another structure
+design.slack_distance(net(), solution())  # state: element groups: one without a name
 design.nearest_kink(3, jnp.ones(2), jnp.ones(2))  # distance: expected a function, got int
 design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))
     # direction: expected a scalar or shape (2,), got (3,)
