@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.convergence import converged
+from oracles.taylor import TIGHT
 from oracles.traced import traced
 
 import jaxcable as jc
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=15.0)
 FREE = [3, 4, 7, 8]
-TIGHT = jc.Newton(tol=1e-13)
 
 
 def push(force, nodes=FREE):

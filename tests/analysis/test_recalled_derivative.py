@@ -66,7 +66,7 @@ KINDS = {
 ORDERS = {"net": [jax.jacrev, lambda f: jax.grad(jax.grad(f)), jax.hessian]}
 
 
-@pytest.mark.slow_cases("catenaries", "history", "net", "stages")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_those_within_jit(kind):
     """Of any mode and order: the iteration has the same derivative, by another program."""
@@ -189,7 +189,7 @@ def test_derivatives_of_the_path_are_nan_or_given():
     np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
 
 
-@pytest.mark.slow_cases("None-False", "None-True", "elastic-False", "elastic-True")
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("unloading", [None, "elastic"])
 def test_the_last_state_has_derivatives_where_a_later_phase_fails_at_once(inside, unloading):

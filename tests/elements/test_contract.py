@@ -107,21 +107,7 @@ def test_the_search_finds_what_is_missing():
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
 
 
-@pytest.mark.slow_cases(
-    "Beams",
-    "Brittle",
-    "Cables",
-    "Catenaries",
-    "Cloth",
-    "Dampers",
-    "GroundSprings",
-    "Hooks",
-    "Membranes",
-    "Saddles",
-    "Springs",
-    "Thrusters",
-    "TurningSprings",
-)
+@pytest.mark.quick_cases("Bearings", "Contacts", "SlidingCables")
 @pytest.mark.parametrize(
     "group",
     [

@@ -1,5 +1,6 @@
 """Taylor's test of a gradient: with the right one the remainder falls with slope 2, else with 1."""
 
+import functools
 import weakref
 
 import jax
@@ -37,11 +38,7 @@ def assert_gradient(function, p, size=1.0, by=None, corrupted=1.01):
         The gradient.
     """
 
-    def number_and_status(p):
-        found = function(p)
-        return found if isinstance(found, tuple) else (found, jc.status.OK)
-
-    program = traced(jax.value_and_grad(number_and_status, has_aux=True))
+    program = _rated(function)
     named = isinstance(p, dict)
     p = {k: jnp.asarray(x, float) for k, x in p.items()} if named else jnp.asarray(p, float)
     (_, code), gradient = program(p)
@@ -57,6 +54,17 @@ def assert_gradient(function, p, size=1.0, by=None, corrupted=1.01):
         right, wrong = (slope(value, at, factor * rate, steps) for factor in (1.0, corrupted))
         assert abs(right - 2) < 0.1 and wrong < 1.5, (name, right, wrong)
     return gradient
+
+
+@functools.lru_cache(maxsize=2)  # of tests of one function, name by name
+def _rated(function):
+    """Program of number, status and gradient."""
+
+    def number_and_status(p):
+        found = function(p)
+        return found if isinstance(found, tuple) else (found, jc.status.OK)
+
+    return traced(jax.value_and_grad(number_and_status, has_aux=True))
 
 
 _known = weakref.WeakKeyDictionary()
