@@ -10,10 +10,12 @@ publication are `jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
 import jaxcable as jc
+from jaxcable.common.tree import merge_indices, split_indices
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -141,3 +143,34 @@ def cantilever(count=4, length=1.0, side=0.01, modulus=210e9):
         return load * length**3 / (3 * modulus * side**4 / 12), np.zeros(count)
 
     return Shape(beam(count, section, length), count, known)
+
+
+# a hub: cables from the corners of a sloping square, 3 m x 5 m, to its middle
+SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
+SPOKES = np.array([[k, 4] for k in range(4)])
+
+
+def hub(nodes=SQUARE, names=("front", "back"), **numbers):
+    """The hub of two groups of two cables each, or of one, without `names`; EA = 100 kN."""
+    given = {"axial_stiffness": 1e5} | numbers
+    if names is None:
+        elements = jc.Cables(SPOKES, **given)
+    else:
+        pairs = zip(names, (SPOKES[:2], SPOKES[2:]), strict=True)
+        elements = {name: jc.Cables(links, **given) for name, links in pairs}
+    return jc.Structure(nodes, elements, jc.pinned([0, 1, 2, 3]))
+
+
+def at_rest(structure):
+    """Groups, start states and nodes, as loads and elements are given them, without indices."""
+    groups = merge_indices(*split_indices(structure.groups))
+    nodes = jnp.asarray(structure.nodes)
+    return groups, [group.start(nodes[group.links]) for group in groups], nodes
+
+
+def load_at_rest(load, structure):
+    """Forces of a dead load on the nodes of a structure that nothing has happened to."""
+    load.check(structure)
+    groups, states, nodes = at_rest(structure)
+    load = merge_indices(*split_indices(load.with_group_numbers(structure)))
+    return load.element_forces(groups, states, nodes, nodes.shape, float)

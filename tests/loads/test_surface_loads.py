@@ -11,7 +11,7 @@ import pytest
 from extensions.own_membrane import Membranes, sheet
 from numpy.testing import assert_allclose
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 from jaxcable.common import checks, status
@@ -242,7 +242,6 @@ def test_a_tube_under_pressure():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
-@functools.partial(jax.jit, static_argnums=0)
 def sag(absent, numbers):
     """Displacement of the middle by pressures of elements, heights of nodes and an area load."""
     structure = square()
@@ -255,17 +254,14 @@ def sag(absent, numbers):
     removes = {"one": jc.only([3, 4]), "two": jc.only([5])} if absent else None
     phases = [jc.Phase(prestrain=0.01, removes=removes), jc.Phase(loads=loads)]
     solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)
-    return jnp.where(solution.status == status.OK, solution.displacement[12, 2], jnp.nan)
+    return solution.displacement[12, 2], solution.status
 
 
 @pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("absent", [False, True])
 def test_gradients(absent):
-    value, at = functools.partial(sag, absent), jnp.ones(HALF + 2)
-    gradient = jax.grad(value)(at)
+    gradient = assert_gradient(functools.partial(sag, absent), np.ones(HALF + 2), 25.0)
     assert ((np.asarray(gradient)[[3, 4]] == 0) == absent).all()
-    assert slope(value, at, gradient, 25.0) == pytest.approx(2.0, abs=0.1)
-    assert slope(value, at, 1.02 * gradient, 25.0) == pytest.approx(1.0, abs=0.15)
 
 
 def test_what_is_no_face_is_refused(monkeypatch):
