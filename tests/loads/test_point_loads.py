@@ -108,39 +108,59 @@ def exact_forces(points, members, exact, start, s):
     raise AssertionError
 
 
-@pytest.mark.slow_cases("0-whole")
-@pytest.mark.parametrize("kind", ["whole", "jointed"])
-@pytest.mark.parametrize("number", range(4))
-def test_one_element_is_exact_in_linear_theory(kind, number):
-    """Displacements of ends and section forces on both sides of loads, sections off their axis."""
-    structure, solution, points, members, exact = linear_frame()
-    links = structure.elements[kind].links.array[number]
-    start, end = np.asarray(structure.nodes)[links]
-    node = int(np.flatnonzero(np.abs(points - end).max(axis=1) < 1e-9)[0])
-    moved = exact.displacements[node, :3]
-    size = 1e-6 * LENGTH**3 / (LAW.E * 0.1 * 0.05**3 / 12)  # of a cantilever
-    assert np.abs(np.asarray(solution.displacement[links[1]]) - moved).max() < 1e-9 * size
-    found = np.asarray(jc.section_forces(structure, solution, SIDES)[kind])[number]
-    wanted = np.array([exact_forces(points, members, exact, start, s) for s in SIDES])
-    if number == 2:  # loads at both ends: sections are inside of them
-        wanted[0] = exact_forces(points, members, exact, start, 1e-9)
-        wanted[-1] = exact_forces(points, members, exact, start, 1 - 1e-9)
+def each_beam(kind):
+    """Number of each beam, its nodes, and section forces of the oracle as a function of s."""
+    structure, _, points, members, exact = linear_frame()
+    for number, links in enumerate(structure.elements[kind].links.array):
+        start = np.asarray(structure.nodes)[links[0]]
+        forces = functools.partial(exact_forces, points, members, exact, start)
+        yield number, links, forces
+
+
+def at_sides(number, forces):
+    """Section forces of the oracle at `SIDES`; where loads are at the ends, inside of them."""
+    sides = SIDES if number != 2 else np.clip(SIDES, 1e-9, 1 - 1e-9)
+    wanted = np.array([forces(s) for s in sides])
     assert np.abs(wanted).max() > 1e-7
-    assert np.abs(found - wanted).max() < 1e-9 * 1e-6 * LENGTH  # P L
-    # 3 points at which results are recorded; at the middle of "propped" is a load: before it
-    recorded = np.asarray(solution.section_forces[kind])[number]
-    if number != 1:
-        middle = exact_forces(points, members, exact, start, 0.5)
-        assert np.abs(recorded[1] - middle).max() < 1e-9 * 1e-6 * LENGTH
-    # between these points, the end of a phase interpolates with the jumps of the loads
-    phase = np.asarray(jc.section_forces(structure, solution.phases[0], SIDES)[kind])[number]
-    assert np.abs(phase - wanted).max() < 1e-9 * 1e-6 * LENGTH
-    along = np.array(
-        [exact_forces(points, members, exact, start, s)[0] for s in np.linspace(1e-9, 1 - 1e-9, 41)]
-    )
-    peak = float(solution.peak_tension[kind][number])
-    # a shear force of 1e-6 N has 1e-8 of it along the chord of a beam that turns by so much
-    assert abs(abs(peak) - np.abs(along).max()) < 2e-8 * 1e-6
+    return wanted
+
+
+KINDS = pytest.mark.parametrize("kind", ["whole", "jointed"])
+MOMENT = 1e-9 * 1e-6 * LENGTH  # a part of P L
+
+
+@KINDS
+def test_one_element_moves_exactly_in_linear_theory(kind):
+    structure, solution, points, _, exact = linear_frame()
+    size = 1e-6 * LENGTH**3 / (LAW.E * 0.1 * 0.05**3 / 12)  # of a cantilever
+    for _, links, _ in each_beam(kind):
+        end = np.asarray(structure.nodes)[links[1]]
+        node = int(np.flatnonzero(np.abs(points - end).max(axis=1) < 1e-9)[0])
+        moved = exact.displacements[node, :3]
+        assert np.abs(np.asarray(solution.displacement[links[1]]) - moved).max() < 1e-9 * size
+
+
+@KINDS
+def test_forces_on_both_sides_of_loads_are_exact_in_linear_theory(kind):
+    structure, solution, *_ = linear_frame()
+    found = np.asarray(jc.section_forces(structure, solution, SIDES)[kind])
+    recorded = np.asarray(solution.section_forces[kind])  # at 3 points
+    for number, _, forces in each_beam(kind):
+        assert np.abs(found[number] - at_sides(number, forces)).max() < MOMENT
+        if number != 1:  # at the middle of "propped" is a load
+            assert np.abs(recorded[number, 1] - forces(0.5)).max() < MOMENT
+        along = [forces(s)[0] for s in np.linspace(1e-9, 1 - 1e-9, 41)]
+        # a shear force of 1e-6 N has 1e-8 of it along the chord of a beam that turns by so much
+        peak = float(solution.peak_tension[kind][number])
+        assert abs(abs(peak) - np.abs(along).max()) < 2e-8 * 1e-6
+
+
+@KINDS
+def test_the_end_of_a_phase_interpolates_with_the_jumps_of_the_loads(kind):
+    structure, solution, *_ = linear_frame()
+    found = np.asarray(jc.section_forces(structure, solution.phases[0], SIDES)[kind])
+    for number, _, forces in each_beam(kind):
+        assert np.abs(found[number] - at_sides(number, forces)).max() < MOMENT
 
 
 @pytest.mark.slow
