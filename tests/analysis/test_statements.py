@@ -60,8 +60,7 @@ def in_all_ways(ratio):
         name: [getattr(said, OF.get(name, name)) if k == own else None for own in range(n)]
         for k, name in enumerate(WAYS)
     }
-    solution = converged(jc.solve(copies, [jc.Phase(**ways), pull(n)], TIGHT))
-    return solution
+    return converged(jc.solve(copies, [jc.Phase(**ways), pull(n)], TIGHT))
 
 
 @pytest.mark.slow_cases("100.0")

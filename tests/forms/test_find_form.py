@@ -265,7 +265,7 @@ def test_gradients(lengths):
         return total, form.status
 
     p = {"given": start, "loads": np.ones((SMALL.n_node, 1)), "nodes": SMALL.nodes}
-    assert_gradient(number, p, 4.0)
+    assert_gradient(number, p, {"given": 4.0, "loads": 100.0, "nodes": 4.0})
 
 
 # --- failures

@@ -38,8 +38,7 @@ def square():
 def loaded(*loads, phases=()):
     """The solution of the stretched square under loads."""
     given = [jc.Phase(prestrain=0.01), jc.Phase(loads=loads), *phases]
-    solution = converged(jc.solve(square(), given))
-    return solution
+    return converged(jc.solve(square(), given))
 
 
 PRESSURES = np.random.default_rng(1).uniform(40.0, 90.0, HALF)

@@ -27,8 +27,7 @@ BEAM = np.array([1.0, 0, 0])
 @functools.cache
 def bent():
     load = jc.NodalLoads([1], (0.0, 0.0, -200.0), moments=(900.0, 0.0, 0.0))
-    solution = converged(jc.solve(FRAME, [jc.Phase(), jc.Phase(loads=load)]))
-    return solution
+    return converged(jc.solve(FRAME, [jc.Phase(), jc.Phase(loads=load)]))
 
 
 def placed(turns, positions=NODES):

@@ -42,8 +42,7 @@ def spans(weight=WEIGHT):
 
 @functools.cache
 def solved():
-    solution = converged(jc.solve(spans(), PHASES))
-    return solution
+    return converged(jc.solve(spans(), PHASES))
 
 
 @functools.cache

@@ -39,8 +39,7 @@ def tensioned(tension=TENSION):
 
 @functools.cache
 def prestressed():
-    solution = converged(tensioned())
-    return solution
+    return converged(tensioned())
 
 
 def pressed(load, reference=None):
