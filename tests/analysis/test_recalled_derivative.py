@@ -87,17 +87,6 @@ def test_derivatives_are_those_within_jit(kind):
         np.testing.assert_allclose(derivative(load), inside, rtol=1e-8)
 
 
-@pytest.mark.slow
-def test_derivatives_of_a_batch():
-    measure, load = KINDS["net"]
-    loads = jnp.array([load, 1.1 * load])
-    batch = jax.vmap(jax.grad(measure), (0, None))
-    nodes = jnp.asarray(POINTS)
-    found = batch(loads, nodes)
-    alone = [jax.grad(measure)(one, nodes) for one in loads]
-    np.testing.assert_allclose(found, alone, rtol=1e-9)
-
-
 NET, (PRESTRESS, LOADING) = jc.scenes.saddle(2, 3, load=200.0)[:2]
 FREE = np.setdiff1d(np.arange(NET.n_node), NET.supports.nodes.array)
 

@@ -197,7 +197,7 @@ jacfwd        chosen,secant   -         cholmod          -        dense       su
 jacrev        scheme-superlu  superlu   -                superlu  -           -
 grad          -               -         tangent          dense    dense       chosen
 checkpoint    superlu         -         pardiso          -        -           -
-hessian       superlu         -         cholmod          -        -           -
+hessian       superlu         -         cholmod          -        dense       -
 jvp-of-grad   chosen,secant   superlu   tangent          -        -           -
 vmap          chosen          superlu   pardiso          dense    -           -
 vmap-of-grad  chosen          -         scheme-superlu   -        -           chosen

@@ -229,30 +229,6 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
 # --- loads, hinges, mixed structures
 
 
-@pytest.mark.slow
-def test_three_hinged_arch():
-    n, radius, load = 3, 5.0, 50.0
-    angle = np.linspace(np.pi, 0, 2 * n + 1)
-    nodes = radius * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
-    hinges = np.zeros((2 * n, 2), bool)
-    hinges[n, 0] = True
-    group = jc.Beams(pieces(2 * n)[1], section=BOX, hinges=hinges)
-    structure = jc.Structure(nodes, group, in_plane(2 * n + 1, pinned=(0, 2 * n)))
-    loads = jc.NodalLoads([n, n + 2], (0, 0, -load))
-    solution = converged(jc.solve(structure, [jc.Phase(loads=loads, increments=2)]))
-    problems.assert_balanced(solution)
-    # statics of the deformed arch: no moment about the crown from either side
-    p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
-    left = np.cross(p[0] - p[n], reaction[0])[1]
-    right = np.cross(p[-1] - p[n], reaction[-1])[1]
-    right += np.cross(p[n + 2] - p[n], [0, 0, -load])[1]
-    scale = radius * load
-    assert abs(left) < 1e-8 * scale and abs(right) < 1e-8 * scale  # residual 1e-10 of forces
-    # and the thrust of the undeformed one, to the deflection's part of the rise
-    thrust = load * (radius - radius * np.cos(angle[n + 2])) / 2 / radius + load / 2
-    assert reaction[0, 0] == pytest.approx(thrust, rel=1e-3)
-
-
 MIXED = jc.Structure(
     np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.0], [2.0, 0, 0], [-1.0, 1.7, 0], [-1.0, -1.7, 0]]),
     {
@@ -302,14 +278,6 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
     )
     mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).statements(MIXED)[::-1]
     assert guys == {} and mast["pretension"].values.tolist() == [1.0, 1.0]
-
-
-@pytest.mark.slow
-def test_incremental_scheme_takes_beams():
-    phase = jc.Phase(loads=jc.NodalLoads([2], (0, 0, 1.0)), increments=2)
-    solution = converged(jc.solve(beam(2, BOX), [phase], jc.Incremental()))
-    # a deflection of 3e-6 m: cubic elements are exact, second order effects are 1e-11 of it
-    assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import pytest
 from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
-from oracles.traced import traced
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
@@ -164,15 +163,6 @@ def test_gradients_by_numbers_of_springs():
 
     sizes = {"stiffness": 40.0, "normal": 100.0, "gap": 200.0}
     assert_gradient(moved, {"stiffness": 2e3, "normal": 0.3, "gap": 0.02}, sizes)
-
-
-def test_a_batch_of_springs_is_each_of_them():
-    cases = np.array([[2e3, 0.3, 0.02], [1e3, 0.1, 0.05], [3e3, 0.0, -0.01]])
-    together = traced(jax.vmap(on_soft_ground))(jnp.asarray(cases))
-    for case, moved, code in zip(cases, together.displacement, together.status, strict=True):
-        alone = on_soft_ground(jnp.asarray(case))
-        assert int(code) == int(alone.status) == 0
-        assert np.abs(np.asarray(alone.displacement) - moved).max() < 1e-12
 
 
 def test_springs_that_a_phase_adds_are_unstressed():

@@ -4,7 +4,6 @@ import functools
 import operator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.shapes import beam
@@ -244,27 +243,6 @@ def test_an_axle_beyond_the_path_by_rounding_is_on_it():
     for train, count in ((rear, 3), (front, 1)):
         solution = converged(jc.solve(structure, jc.Phase(loads=train)))
         assert float(solution.reactions[:, 2].sum()) == pytest.approx(count, rel=1e-9)
-
-
-@pytest.mark.slow
-def test_patterns_are_numbers_of_a_batch():
-    """Factors of elements under `vmap`, and combined cases: as separate analyses."""
-    patterns = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-
-    def solve(factor):
-        case = jc.LineLoads((0.0, 1e2, -2e3), factor=factor)
-        return jc.solve(FRAME, jc.Phase(loads=case), TIGHT)
-
-    batch = jax.vmap(solve)(jnp.asarray(patterns))
-    assert (np.asarray(batch.status) == 0).all()
-    for k, factor in enumerate(patterns):
-        one = converged(solve(factor))
-        size = np.abs(one.displacement).max()
-        # both end with residuals of 1e-13 of the forces
-        assert np.abs(batch.displacement[k] - one.displacement).max() < 1e-11 * size
-    cases = [jc.LineLoads((0.0, 1e2, -2e3), factor=f) for f in patterns[:2]]
-    loads = jc.combine(cases, [[1.35, 1.5]])
-    assert np.allclose(loads[0].factor, [[1.35, 0.0]]) and np.allclose(loads[1].factor, [[0, 1.5]])
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 import functools
 import json
 
-import jax
 import jax.numpy as jnp
 import jsonschema
 import numpy as np
@@ -79,20 +78,6 @@ def test_a_load_on_a_group_is_that_on_its_faces(by_group, by_faces):
     # the order of sums differs, and the iteration ends at 1e-10 of the forces
     assert_allclose(found.load, expected.load, atol=1e-11)
     assert_allclose(found.displacement, expected.displacement, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_combinations_of_loads_on_groups():
-    """A batch of factors of a load with a value for each element, against one at a time."""
-    structure, first = square(), jc.solve(square(), jc.Phase(prestrain=0.01))
-    cases = [jc.FacePressure(pressure=PRESSURES, on="one"), jc.AreaLoads(forces=FORCES, on="two")]
-    factors = np.array([[1.35, 0.0], [1.0, 1.5]])
-    loads = jc.combine(cases, factors)
-    found = jax.vmap(lambda one: jc.solve(structure, jc.Phase(loads=one), start=first).load)(loads)
-    for own, (p, f) in zip(found, factors, strict=True):
-        each = jc.FacePressure(FIRST, p * PRESSURES), jc.AreaLoads(SECOND, f * FORCES)
-        alone = converged(jc.solve(structure, jc.Phase(loads=each), start=first))
-        assert_allclose(own, alone.load, atol=1e-9)  # pressure follows to 1e-10 of the forces
 
 
 def test_resultants_are_area_times_load():
