@@ -273,6 +273,12 @@ def correlated(v):
     return own.values_at(jnp.ones(2))["b"]
 
 
+def tolerated(v):
+    arguments = design.arguments
+    valid = arguments.is_valid_tolerance(arguments.check_tolerance(v, 1e-3))
+    return jnp.where(valid, 1.0, jnp.nan)
+
+
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
@@ -479,12 +485,12 @@ lambda v: forms.hanging_chain(NOWHERE, v, 3, 0.1, 1.0, 1e6)[0], (1.0, 0.0, 0.2),
 ## forms/feasible_prestress.py
 prestressed,  # tension: tension = -1.0: with this tension in group
 ## design/bounds.py
-lambda v: broadcast_to_params(v, jnp.ones(2), "scale", positive=True), [1.0, 1.0], [1.0, -1.0]
+lambda v: design.bounds.broadcast_to_params(v, jnp.ones(2), "scale", positive=True),
+    [1.0, 1.0], [1.0, -1.0]
     # fill: scale[1] = -1.0
 ## design/arguments.py
-lambda v: jnp.where(is_valid_tolerance(check_tolerance(v, 1e-3)), 1.0, jnp.nan), 0.5, 1.0
-    # tol: tol = 1.0
-checked_smoothing_width, 0.1, 0.0  # width: width = 0.0: must be positive
+tolerated, 0.5, 1.0  # tol: tol = 1.0
+design.arguments.checked_smoothing_width, 0.1, 0.0  # width: width = 0.0: must be positive
 ## design/targets.py
 lambda v: jc.design.Target("tension", v).value, 1.0, np.nan  # value: value = nan: must be finite
 lambda v: jc.design.Target("tension", within=v).within, 1.0, 0.0  # within: within = 0.0
