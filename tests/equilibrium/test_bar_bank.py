@@ -15,12 +15,9 @@ from jaxcable.common.tree import copy_with
 # structures of random forces, some of which move far
 pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
 
-DEFAULT = "string", "prism", "blown"  # bars only, with prestressed cables, cables alone
 
-
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=[] if k in DEFAULT else pytest.mark.slow) for k in KINDS]
-)
+@pytest.mark.quick_cases("string", "prism", "blown")  # bars, with prestressed cables, cables alone
+@pytest.mark.parametrize("kind", KINDS)
 def test_bars_converge_from_anywhere(kind):
     steps = []
     for seed in range(12):
