@@ -1,10 +1,10 @@
-"""A dozen structures that tests share, each with a solution that is known apart from the package.
+"""Structures that tests share, most with a solution that is known apart from the package.
 
-Numbers, loads and phases are a test's own; the shape of the arrays is that of the structure, so
-that a second test of the same shape and phases finds the first one's programs. Nets of a
-publication are `jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in
-`tests/reference`; a mast is `jc.scenes.guyed_mast`, and a bridge in stages
-`scenes.cable_stayed_bridge` of the experiments.
+`pieces`, `beam` and `in_line` are what most structures of tests consist of. Numbers, loads and
+phases are a test's own; the shape of the arrays is that of the structure, so that a second test of
+the same shape and phases finds the first one's programs. Nets of a publication are
+`jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in `tests/reference`; a mast is
+`jc.scenes.guyed_mast`, and a bridge in stages `scenes.cable_stayed_bridge` of the experiments.
 """
 
 from collections.abc import Callable
