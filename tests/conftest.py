@@ -74,19 +74,21 @@ def pytest_runtest_setup(item):
 
 @pytest.hookimpl(tryfirst=True)  # before marks are selected
 def pytest_collection_modifyitems(config, items):
-    """Mark the cases that `slow_cases` names as `slow`; take `PART` of the slow tests."""
+    """Mark cases as `slow`: those of `slow_cases`, all but those of `quick_cases`; take `PART`."""
     named, seen = {}, {}
     for item in items:
-        for mark in item.iter_markers("slow_cases"):
+        for mark in item.iter_markers():
+            if mark.name not in ("slow_cases", "quick_cases"):
+                continue
             case, function = item.callspec.id, item.nodeid.partition("[")[0]
             named[function] = mark.args
             seen.setdefault(function, set()).add(case)
-            if case in mark.args:
+            if (case in mark.args) == (mark.name == "slow_cases"):
                 item.add_marker(pytest.mark.slow)
     if not any("::" in argument for argument in config.args):  # else some cases are not collected
         unknown = [f"{k}: {name}" for k in named for name in set(named[k]) - seen[k]]
         if unknown:
-            raise pytest.UsageError(f"slow_cases names no case of {'; '.join(unknown)}")
+            raise pytest.UsageError(f"slow_cases, quick_cases: no case of {'; '.join(unknown)}")
     if PART is not None:
         parted = (lambda item: True) if FUSED else (lambda item: item.get_closest_marker("slow"))
         items[:] = [item for item in items if not parted(item) or in_part(item)]

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.convergence import converged
+from oracles.taylor import TIGHT
 from oracles.traced import traced
 
 import jaxcable as jc
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=15.0)
 FREE = [3, 4, 7, 8]
-TIGHT = jc.Newton(tol=1e-13)
 
 
 def push(force, nodes=FREE):
@@ -149,42 +149,6 @@ def wedge(**law):
     """Two cables that hold a node, each to its support."""
     nodes = np.array([[-4.0, 0.0, 3.0], [0.2, 0.0, 0.0], [4.0, 0.0, 3.0]])
     return jc.Structure(nodes, jc.Cables([[0, 1], [1, 2]], **law), supports=jc.pinned([0, 2]))
-
-
-YIELDING = jc.Polygonal([0.0, 0.004, 0.05], [0.0, 4e8, 6e8], "elastic")
-
-
-@pytest.mark.slow
-def test_second_derivatives_within_increments():
-    """Increments with derivatives of their own are scanned: see `test_implicit_root`.
-
-    The oracle is differences of first derivatives.
-    """
-    structure = wedge(area=1e-4, law=YIELDING)
-
-    def analyse(p):
-        phases = [
-            jc.Phase(pretension=1e4, loads=push(4e4 * p[0], [1]), increments=3),
-            jc.Phase(loads=push(-2e4 * p[1], [1]), increments=2),
-        ]
-        return jc.solve(structure, phases, TIGHT)
-
-    def sag(p):
-        solution = analyse(p)
-        return 1e3 * jnp.sum(solution.displacement[1]), solution.status
-
-    def gradient(p):
-        rate, code = jax.grad(sag, has_aux=True)(p)
-        return rate, (rate, code)
-
-    at, h = jnp.array([1.5, 1.0]), 1e-4
-    both = traced(jax.jacfwd(gradient, has_aux=True))
-    hessian, (_, code) = both(at)
-    assert int(code) == 0
-    differences = [(both(at + h * e)[1][0] - both(at - h * e)[1][0]) / (2 * h) for e in np.eye(2)]
-    largest = np.abs(hessian).max()
-    assert largest > 1e-3
-    np.testing.assert_allclose(hessian, differences, rtol=1e-5, atol=1e-5 * largest)
 
 
 @pytest.mark.slow

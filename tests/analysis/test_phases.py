@@ -4,13 +4,13 @@ import jax
 import numpy as np
 import pytest
 from banks.problems import assert_balanced, unbalanced
+from oracles.taylor import TIGHT
 
 import jaxcable as jc
 from jaxcable.analysis import statements
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 3))
 EA = 97.97e3
-TIGHT = jc.Newton(tol=1e-13)
 
 
 def solved(structure, phases, **options):

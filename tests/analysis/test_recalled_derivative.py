@@ -66,7 +66,7 @@ KINDS = {
 ORDERS = {"net": [jax.jacrev, lambda f: jax.grad(jax.grad(f)), jax.hessian]}
 
 
-@pytest.mark.slow_cases("catenaries", "history", "net", "stages")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_those_within_jit(kind):
     """Of any mode and order: the iteration has the same derivative, by another program."""
@@ -85,17 +85,6 @@ def test_derivatives_are_those_within_jit(kind):
         inside = jax.jit(derivative)(load)
         assert abs(inside) > 0
         np.testing.assert_allclose(derivative(load), inside, rtol=1e-8)
-
-
-@pytest.mark.slow
-def test_derivatives_of_a_batch():
-    measure, load = KINDS["net"]
-    loads = jnp.array([load, 1.1 * load])
-    batch = jax.vmap(jax.grad(measure), (0, None))
-    nodes = jnp.asarray(POINTS)
-    found = batch(loads, nodes)
-    alone = [jax.grad(measure)(one, nodes) for one in loads]
-    np.testing.assert_allclose(found, alone, rtol=1e-9)
 
 
 NET, (PRESTRESS, LOADING) = jc.scenes.saddle(2, 3, load=200.0)[:2]
@@ -189,7 +178,7 @@ def test_derivatives_of_the_path_are_nan_or_given():
     np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
 
 
-@pytest.mark.slow_cases("None-False", "None-True", "elastic-False", "elastic-True")
+@pytest.mark.slow
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("unloading", [None, "elastic"])
 def test_the_last_state_has_derivatives_where_a_later_phase_fails_at_once(inside, unloading):

@@ -12,6 +12,8 @@ import dataclasses
 
 import jax
 import numpy as np
+from banks.fuzz_scenes import CORNERS, FREE, GRID
+from banks.shapes import pieces
 from oracles.independent import WIDE, verdict
 
 import jaxcable as jc
@@ -61,7 +63,13 @@ class Numbers:
 
 def _row(n, start=0):
     """Links of n elements in a row."""
-    return np.stack([np.arange(n), np.arange(n) + 1], axis=1) + start
+    return pieces(n)[1] + start
+
+
+def _ring(radians=0.0, height=0.0):
+    """Three nodes on a circle of radius 1 m."""
+    angle = radians + 2 * np.pi * np.arange(3) / 3
+    return np.stack([np.cos(angle), np.sin(angle), np.full(3, height)], axis=1)
 
 
 def turning(numbers):
@@ -96,14 +104,11 @@ def mixed(numbers):
     rng = numbers.rng
     grid = np.array([[i, j, 0.0] for i in range(3) for j in range(3)])
     grid += 10 ** rng.uniform(-3, -0.5) * rng.uniform(-0.3, 0.3, grid.shape)
-    links = [[3 * i + j, 3 * i + j + 1] for i in range(3) for j in range(2)]
-    links += [[3 * i + j, 3 * i + j + 3] for i in range(2) for j in range(3)]
-    free = [1, 3, 4, 5, 7]
-    hung = np.concatenate([numbers.strings(grid[k], 2) for k in free])
-    bars = [[top, 9 + 2 * k] for k, top in enumerate(free)]
+    hung = np.concatenate([numbers.strings(grid[k], 2) for k in FREE])
+    bars = [[top, 9 + 2 * k] for k, top in enumerate(FREE)]
     bars += [[9 + 2 * k, 10 + 2 * k] for k in range(5)]
     groups = {
-        "cables": jc.Cables(links, axial_stiffness=numbers.stiffness(12)),
+        "cables": jc.Cables(GRID, axial_stiffness=numbers.stiffness(12)),
         "bars": jc.Bars(bars, axial_stiffness=numbers.stiffness(10)),
     }
     forces = np.tile([0.0, 0.0, -0.2], (10, 1)) + 0.05 * rng.normal(size=(10, 3))
@@ -111,18 +116,14 @@ def mixed(numbers):
         jc.Phase(pretension={"cables": rng.uniform(0.5, 1, 12), "bars": None}),
         jc.Phase(loads=jc.NodalLoads(np.arange(9, 19), forces)),
     ]
-    structure = jc.Structure(np.concatenate([grid, hung]), groups, jc.pinned([0, 2, 6, 8]))
-    return structure, phases
+    return jc.Structure(np.concatenate([grid, hung]), groups, jc.pinned(CORNERS)), phases
 
 
 def prism(numbers):
     """A tensegrity prism of three struts, prestressed, whose upper nodes are loaded."""
     rng = numbers.rng
-    angle = 2 * np.pi * np.arange(3) / 3
-    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    turned = angle + np.radians(30)  # the twist of equilibrium (`scenes.simplex`)
-    upper = np.stack([np.cos(turned), np.sin(turned), np.full(3, rng.uniform(0.8, 2))], axis=1)
-    nodes = np.concatenate([ring, upper])
+    # the twist of equilibrium (`scenes.simplex`)
+    nodes = np.concatenate([_ring(), _ring(np.radians(30), rng.uniform(0.8, 2))])
     cables = [[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3], [0, 3], [1, 4], [2, 5]]
     struts = [[0, 4], [1, 5], [2, 3]]
     length = [np.linalg.norm(nodes[b] - nodes[a]) for a, b in cables + struts]
@@ -143,9 +144,7 @@ def prism(numbers):
 def mast(numbers):
     """A mast of two bars on a pin, held by six prestressed guys, under wind."""
     rng = numbers.rng
-    angle = 2 * np.pi * np.arange(3) / 3
-    feet = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    nodes = np.concatenate([[[0.0, 0, 0], [0, 0, 1], [0, 0, 2]], feet])
+    nodes = np.concatenate([[[0.0, 0, 0], [0, 0, 1], [0, 0, 2]], _ring()])
     guys = [[k, 3 + j] for k in (1, 2) for j in range(3)]
     groups = {
         "mast": jc.Bars([[0, 1], [1, 2]], axial_stiffness=10 * numbers.stiffness(2)),
@@ -162,9 +161,7 @@ def mast(numbers):
 def truss(numbers):
     """A tower of bars in three panels, loaded in all directions."""
     rng = numbers.rng
-    angle = 2 * np.pi * np.arange(3) / 3
-    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    nodes = np.concatenate([ring + np.array([0.0, 0.0, k]) for k in range(4)])
+    nodes = np.concatenate([_ring(height=k) for k in range(4)])
     nodes = nodes + 0.1 * rng.normal(size=nodes.shape)
     bars = []
     for k in range(3):
@@ -202,7 +199,7 @@ def rope(numbers):
 def blown(numbers):
     """A crooked chain of cables, slack or taut, under pressure that follows: hence no net."""
     rng, n = numbers.rng, 12
-    nodes = np.stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))], axis=1)
+    nodes = pieces(n)[0]
     nodes[1:-1] += 0.03 * rng.normal(size=(n - 1, 3))
     rest = (1 + rng.uniform(-0.005, 0.1)) * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     cables = jc.Cables(_row(n), axial_stiffness=numbers.stiffness(n), rest_length=rest)

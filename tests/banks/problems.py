@@ -22,8 +22,6 @@ CHOLMOD = pytest.param(
 )
 SOLVERS = ["dense", "superlu", pytest.param("pardiso", marks=[pytest.mark.slow, _THERE])]
 """Linear solvers for a cheap test of a small structure."""
-HEAVY = ["dense", pytest.param("superlu", marks=pytest.mark.slow), SOLVERS[-1]]
-"""The same for one that takes seconds."""
 
 
 def reference(name):

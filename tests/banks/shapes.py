@@ -1,21 +1,43 @@
-"""A dozen structures that tests share, each with a solution that is known apart from the package.
+"""Structures that tests share, most with a solution that is known apart from the package.
 
-Numbers, loads and phases are a test's own; the shape of the arrays is that of the structure, so
-that a second test of the same shape and phases finds the first one's programs. Nets of a
-publication are `jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in
-`tests/reference`; a mast is `jc.scenes.guyed_mast`, and a bridge in stages
-`scenes.cable_stayed_bridge` of the experiments.
+`pieces`, `beam` and `in_line` are what most structures of tests consist of. Numbers, loads and
+phases are a test's own; the shape of the arrays is that of the structure, so that a second test of
+the same shape and phases finds the first one's programs. Nets of a publication are
+`jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in `tests/reference`; a mast is
+`jc.scenes.guyed_mast`, and a bridge in stages `scenes.cable_stayed_bridge` of the experiments.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
 import jaxcable as jc
+from jaxcable.common.tree import merge_indices, split_indices
 
 DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def pieces(count, length=1.0, way=(1.0, 0.0, 0.0)):
+    """Nodes [count + 1, 3] and links [count, 2] of equal pieces of a line that starts at zero."""
+    nodes = np.outer(np.linspace(0, length, count + 1), way)
+    return nodes, np.column_stack([np.arange(count), np.arange(1, count + 1)])
+
+
+def beam(count, section, length=1.0, supports=None, **options):
+    """A beam along x in `count` elements, clamped at its start unless told otherwise."""
+    nodes, links = pieces(count, length)
+    group = jc.Beams(links, section=section, **options)
+    return jc.Structure(nodes, group, jc.clamped([0]) if supports is None else supports)
+
+
+def in_line(elements, *places):
+    """Elements on the x axis: nodes at `places`, m; the ends stay, all between move along x."""
+    inner = jc.restrained(range(1, len(places) - 1), "yz")
+    held = jc.pinned([0, len(places) - 1]) + inner
+    return jc.Structure(np.outer(places, [1.0, 0.0, 0.0]), elements, held)
 
 
 class Shape(NamedTuple):
@@ -97,31 +119,58 @@ def tripod(height=1.0, **numbers):
     return shape._replace(known=known)
 
 
-def chain(pieces=3, stiffness=1e5, weight=0.0, group=jc.Cables):
+def chain(count=3, stiffness=1e5, weight=0.0, group=jc.Cables):
     """Elements of 1 m below each other, hung up at the top; the force pulls at the lower end."""
-    nodes = np.stack([np.zeros(pieces + 1), np.zeros(pieces + 1), -np.arange(pieces + 1.0)], 1)
-    links = np.stack([np.arange(pieces), np.arange(pieces) + 1], 1)
+    nodes, links = pieces(count, count, DOWN)
     elements = group(links, axial_stiffness=stiffness, weight=weight)
 
     def known(load):
         # lumped weight: half of the own element, and all below it
-        force = load + weight * (pieces - np.arange(pieces) - 0.5)
+        force = load + weight * (count - np.arange(count) - 0.5)
         return np.sum(force) / stiffness, force
 
-    return Shape(jc.Structure(nodes, elements, jc.pinned([0])), pieces, known)
+    return Shape(jc.Structure(nodes, elements, jc.pinned([0])), count, known)
 
 
-def cantilever(pieces=4, length=1.0, side=0.01, modulus=210e9):
+def cantilever(count=4, length=1.0, side=0.01, modulus=210e9):
     """A square beam, clamped at one end, for forces whose displacements are small.
 
     `known` gives the drop by bending of the tip, P L^3 / 3 E I, and axial forces, which are none.
     """
-    nodes = np.stack([length * np.linspace(0, 1, pieces + 1), *np.zeros((2, pieces + 1))], 1)
-    links = np.stack([np.arange(pieces), np.arange(pieces) + 1], 1)
     section = jc.Section.rectangle(side, side, jc.Elastic(modulus))
-    beams = jc.Beams(links, section=section)
 
     def known(load):
-        return load * length**3 / (3 * modulus * side**4 / 12), np.zeros(pieces)
+        return load * length**3 / (3 * modulus * side**4 / 12), np.zeros(count)
 
-    return Shape(jc.Structure(nodes, beams, jc.clamped([0])), pieces, known)
+    return Shape(beam(count, section, length), count, known)
+
+
+# a hub: cables from the corners of a sloping square, 3 m x 5 m, to its middle
+SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
+SPOKES = np.array([[k, 4] for k in range(4)])
+
+
+def hub(nodes=SQUARE, names=("front", "back"), **numbers):
+    """The hub of two groups of two cables each, or of one, without `names`; EA = 100 kN."""
+    given = {"axial_stiffness": 1e5} | numbers
+    if names is None:
+        elements = jc.Cables(SPOKES, **given)
+    else:
+        pairs = zip(names, (SPOKES[:2], SPOKES[2:]), strict=True)
+        elements = {name: jc.Cables(links, **given) for name, links in pairs}
+    return jc.Structure(nodes, elements, jc.pinned([0, 1, 2, 3]))
+
+
+def at_rest(structure):
+    """Groups, start states and nodes, as loads and elements are given them, without indices."""
+    groups = merge_indices(*split_indices(structure.groups))
+    nodes = jnp.asarray(structure.nodes)
+    return groups, [group.start(nodes[group.links]) for group in groups], nodes
+
+
+def load_at_rest(load, structure):
+    """Forces of a dead load on the nodes of a structure that nothing has happened to."""
+    load.check(structure)
+    groups, states, nodes = at_rest(structure)
+    load = merge_indices(*split_indices(load.with_group_numbers(structure)))
+    return load.element_forces(groups, states, nodes, nodes.shape, float)

@@ -10,6 +10,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 from banks.bar_bank import ALL, Drawn, Judged, Numbers, _elastic, _row
+from banks.fuzz_scenes import CORNERS, FREE, GRID
+from banks.shapes import pieces
 from extensions.own_flows import Drags, Floors
 from extensions.own_links import Joined, Thrusters
 
@@ -45,7 +47,7 @@ class Gyres(Joined):
 
 def _line(n, crooked=0.0, rng=None):
     """Nodes along x from 0 to 1, those between the ends moved aside at random, [n + 1, 3], m."""
-    nodes = np.stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))], axis=1)
+    nodes = pieces(n)[0]
     if crooked:
         nodes[1:-1] += crooked * rng.normal(size=(n - 1, 3))
     return nodes
@@ -115,19 +117,16 @@ def stirred(numbers):
     rng = numbers.rng
     grid = np.array([[i, j, 0.0] for i in range(3) for j in range(3)])
     grid += 0.05 * rng.uniform(-1, 1, grid.shape)
-    links = [[3 * i + j, 3 * i + j + 1] for i in range(3) for j in range(2)]
-    links += [[3 * i + j, 3 * i + j + 3] for i in range(2) for j in range(3)]
-    free = [1, 3, 4, 5, 7]
     springs = 10 ** rng.uniform(0, 1, 5), 10 ** rng.uniform(-1, 1.3), 10 ** rng.uniform(-1, 2)
-    length = np.linalg.norm(np.diff(grid[np.array(links)], axis=1)[:, 0], axis=1)
+    length = np.linalg.norm(np.diff(grid[np.array(GRID)], axis=1)[:, 0], axis=1)
     stiffness = numbers.stiffness(12)
     rest = length / (1 + rng.uniform(0.2, 1, 12) / stiffness)
     groups = {
-        "net": jc.Cables(links, axial_stiffness=stiffness, rest_length=rest),
-        "gyres": Gyres([[0, k] for k in free], *springs),
+        "net": jc.Cables(GRID, axial_stiffness=stiffness, rest_length=rest),
+        "gyres": Gyres([[0, k] for k in FREE], *springs),
     }
-    load = jc.NodalLoads(free, rng.normal(size=(5, 3)))
-    return jc.Structure(grid, groups, jc.pinned([0, 2, 6, 8])), [jc.Phase(loads=load)]
+    load = jc.NodalLoads(FREE, rng.normal(size=(5, 3)))
+    return jc.Structure(grid, groups, jc.pinned(CORNERS)), [jc.Phase(loads=load)]
 
 
 def pressed(numbers):

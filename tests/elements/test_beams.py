@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
+from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
 from scipy.integrate import solve_bvp
@@ -18,18 +19,6 @@ STEEL = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.05, STEEL, (10, 10))
 EA, EI = float(BOX.stiffness()[0, 0]), float(BOX.stiffness()[1, 1])
 RNG = np.random.default_rng(5)
-
-
-def chain(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
-
-
-def straight(n, length=1.0, section=BOX, supports=None, **options):
-    """A beam along x in n elements, clamped at its start unless told otherwise."""
-    nodes = np.zeros((n + 1, 3))
-    nodes[:, 0] = np.linspace(0, length, n + 1)
-    group = jc.Beams(chain(n), section=section, **options)
-    return jc.Structure(nodes, group, jc.clamped([0]) if supports is None else supports)
 
 
 def in_plane(n_node, clamped=(), pinned=()):
@@ -130,7 +119,7 @@ def test_a_cantilever_bends_into_a_half_circle():
     errors = []
     for n in (5, 10, 20):
         load = jc.NodalLoads([n], (0, 0, 0.0), moments=(0, -np.pi * EI, 0))
-        solution = converged(jc.solve(straight(n), [jc.Phase(loads=load, increments=10)]))
+        solution = converged(jc.solve(beam(n, BOX), [jc.Phase(loads=load, increments=10)]))
         tip = np.asarray(solution.positions)[n]
         errors.append(np.linalg.norm(tip - [0, 0, 2 / np.pi]))
         assert np.abs(np.asarray(solution.rotation)[n]).argmax() == 2  # half a turn about y
@@ -139,21 +128,17 @@ def test_a_cantilever_bends_into_a_half_circle():
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([4, 4], abs=0.1)
 
 
-def bend(n):
-    """Bathe and Bolourchi's 45-degree bend of radius 100, 1 x 1, E 1e7, G 5e6, J = 1/6."""
+def test_45_degree_bend():
+    """Bathe and Bolourchi's bend of radius 100, 1 x 1, E 1e7, G 5e6, J = 1/6."""
+    n, exact = 8, np.array([47.150, 15.685, 53.475])  # geometrically exact rod, to 3 decimals
     angle = np.linspace(0, np.pi / 4, n + 1)
     nodes = 100 * np.column_stack([np.sin(angle), 1 - np.cos(angle), 0 * angle])
     # four fibres with exactly I = 1/12: at the places of a two-point Gauss rule
     g = 0.5 / np.sqrt(3)
     section = jc.Section([-g, g, g, -g], [-g, -g, g, g], [0.25] * 4, jc.Elastic(1e7))
-    group = jc.Beams(chain(n), section=section, torsional_stiffness=5e6 / 6)
-    return jc.Structure(nodes, group, jc.clamped([0]))
-
-
-def test_45_degree_bend():
-    n, exact = 8, np.array([47.150, 15.685, 53.475])  # geometrically exact rod, to 3 decimals
+    group = jc.Beams(pieces(n)[1], section=section, torsional_stiffness=5e6 / 6)
     load = jc.Phase(loads=jc.NodalLoads([n], (0, 0, 600.0)), increments=6)
-    solution = converged(jc.solve(bend(n), [load]))
+    solution = converged(jc.solve(jc.Structure(nodes, group, jc.clamped([0])), load))
     error = np.linalg.norm(np.asarray(solution.positions)[n] - exact)
     assert error < 1e-3 * np.linalg.norm(exact)  # straight elements on a curved axis
 
@@ -197,7 +182,7 @@ def test_a_toggle_is_pushed_through_its_limit_point():
     section = jc.Section.rectangle(0.753, 0.243, jc.Elastic(1.03e7), (1, 40))
     ends = in_plane(2 * n + 1, clamped=(0, 2 * n))
     supports = ends + jc.pinned([n])
-    structure = jc.Structure(nodes, jc.Beams(chain(2 * n), section=section), supports)
+    structure = jc.Structure(nodes, jc.Beams(pieces(2 * n)[1], section=section), supports)
 
     @traced
     def force(depth):
@@ -223,7 +208,7 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     n, length = 4, 4.0
     mask = in_plane(n + 1).mask.array.copy()
     mask[[0, n], 2] = mask[0, 0] = True
-    structure = straight(n, length, supports=jc.Supports(mask))
+    structure = beam(n, BOX, length, jc.Supports(mask))
 
     @traced
     def lowest(force):
@@ -242,30 +227,6 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
 
 
 # --- loads, hinges, mixed structures
-
-
-@pytest.mark.slow
-def test_three_hinged_arch():
-    n, radius, load = 3, 5.0, 50.0
-    angle = np.linspace(np.pi, 0, 2 * n + 1)
-    nodes = radius * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
-    hinges = np.zeros((2 * n, 2), bool)
-    hinges[n, 0] = True
-    group = jc.Beams(chain(2 * n), section=BOX, hinges=hinges)
-    structure = jc.Structure(nodes, group, in_plane(2 * n + 1, pinned=(0, 2 * n)))
-    loads = jc.NodalLoads([n, n + 2], (0, 0, -load))
-    solution = converged(jc.solve(structure, [jc.Phase(loads=loads, increments=2)]))
-    problems.assert_balanced(solution)
-    # statics of the deformed arch: no moment about the crown from either side
-    p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
-    left = np.cross(p[0] - p[n], reaction[0])[1]
-    right = np.cross(p[-1] - p[n], reaction[-1])[1]
-    right += np.cross(p[n + 2] - p[n], [0, 0, -load])[1]
-    scale = radius * load
-    assert abs(left) < 1e-8 * scale and abs(right) < 1e-8 * scale  # residual 1e-10 of forces
-    # and the thrust of the undeformed one, to the deflection's part of the rise
-    thrust = load * (radius - radius * np.cos(angle[n + 2])) / 2 / radius + load / 2
-    assert reaction[0, 0] == pytest.approx(thrust, rel=1e-3)
 
 
 MIXED = jc.Structure(
@@ -306,7 +267,7 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
     """Beams beside them are left out; a temperature finds those that expand."""
     guys, mast = jc.Phase(pretension=1e4).statements(MIXED)  # in the order of the keys
     assert mast == {} and guys["pretension"].values.tolist() == [1e4] * 3
-    (alone,) = jc.Phase(pretension=1e4).statements(straight(2))
+    (alone,) = jc.Phase(pretension=1e4).statements(beam(2, BOX))
     assert alone["pretension"].values.tolist() == [1e4] * 2
     warm = jc.replace(
         MIXED,
@@ -320,18 +281,10 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
 
 
 @pytest.mark.slow
-def test_incremental_scheme_takes_beams():
-    phase = jc.Phase(loads=jc.NodalLoads([2], (0, 0, 1.0)), increments=2)
-    solution = converged(jc.solve(straight(2), [phase], jc.Incremental()))
-    # a deflection of 3e-6 m: cubic elements are exact, second order effects are 1e-11 of it
-    assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
-
-
-@pytest.mark.slow
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along, and its joint."""
     joint = {"hinges": np.array([[False, False], [True, False]]), "springs": 1e3}
     turn = jc.SupportMovement([0], (0.1, 0.2, 0.3), rotations=(0.0, 0.0, np.pi / 2))
-    solution = converged(jc.solve(straight(2, **joint), [jc.Phase(loads=turn, increments=3)]))
+    solution = converged(jc.solve(beam(2, BOX, **joint), [jc.Phase(loads=turn, increments=3)]))
     assert np.abs(np.asarray(solution.positions)[2] - [0.1, 1.2, 0.3]).max() < 1e-12
     assert np.abs(np.asarray(solution.tension)).max() < 1e-12 * EA  # a strain of 1e-12

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.laws import CURVES
+from banks.shapes import in_line
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -158,30 +159,19 @@ def two_parts(steel=STEEL):
 
 
 CORE, WALL = np.pi / 4 * 0.01**2, np.pi / 4 * (0.012**2 - 0.01**2)
-ON_X = jc.Supports(np.array([[1, 1, 1], [0, 1, 1], [1, 1, 1]], bool))
-
-
-def beside_a_bar(section):
-    """A cable and a bar of 1 MN, 5 m each, on one line; the node between them slides."""
-    elements = {
-        "cable": jc.Cables([[0, 1]], section=section),
-        "bar": jc.Bars([[1, 2]], axial_stiffness=1e6),
-    }
-    return jc.Structure([[0.0, 0, 0], [5.0, 0, 0], [10.0, 0, 0]], elements, ON_X)
-
-
-def push(force, **options):
-    return jc.Phase(loads=jc.NodalLoads([1], (force, 0.0, 0.0)), **options)
 
 
 @pytest.mark.slow
 def test_pulled_past_yield_let_go_pushed_and_again():
     """Every increment against NumPy: displacement, tension, slackness and the sum of the fibres."""
     section = two_parts()
-    structure = beside_a_bar(section)
+    cable = jc.Cables([[0, 1]], section=section)
+    bar = jc.Bars([[1, 2]], axial_stiffness=1e6)
+    structure = in_line({"cable": cable, "bar": bar}, 0.0, 5.0, 10.0)
     steps = {1.2e5: 5, -1.6e5: 8, 2.0e5: 6, -2.1e5: 4}  # loads of phases, N, and their increments
     ends = np.cumsum(list(steps))
-    solution = jc.solve(structure, [push(f, increments=n) for f, n in steps.items()])
+    pulls = ((jc.NodalLoads([1], (force, 0.0, 0.0)), n) for force, n in steps.items())
+    solution = jc.solve(structure, [jc.Phase(loads=load, increments=n) for load, n in pulls])
     assert int(solution.status) == 0
     cable, before, seen, most, e, e0 = Cable(WALL, CORE), 0.0, 0, 0.0, 0.0, 0.0
     for phase, end, n in zip(solution.phases, ends, steps.values(), strict=True):
@@ -220,10 +210,9 @@ def pulled(section, compliance, forces):
     n = len(forces)
     nodes = [[x, float(k), 0.0] for k in range(n) for x in (0.0, 2.0)]
     links = np.arange(2 * n).reshape(n, 2)
-    mask = np.ones((2 * n, 3), bool)
-    mask[1::2, 0] = False
+    held = jc.pinned(links[:, 0]) + jc.restrained(links[:, 1], "yz")
     group = jc.Bars(links, section=section, compliance=compliance)
-    structure = jc.Structure(nodes, group, jc.Supports(mask))
+    structure = jc.Structure(nodes, group, held)
     loads = jc.NodalLoads(links[:, 1], np.outer(forces, [1.0, 0.0, 0.0]))
     return structure, jc.solve(structure, jc.Phase(loads=loads))
 

@@ -1,12 +1,12 @@
-"""Contacts: bars that press only, with gaps; against statics, NumPy and bars of points."""
+"""Contacts: bars that press only, with gaps; against statics and NumPy."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles import taylor
+from banks.shapes import in_line, pieces
 from oracles.convergence import converged
-from oracles.traced import traced
+from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -14,22 +14,16 @@ from jaxcable.common import status
 EA, STOP = 1e5, 3e5
 
 
-def on_a_line(gap, push, law=False):
-    """A bar of 1 m, which a force pushes onto a stop of 1 m behind a gap; displacement and forces.
-
-    The end moves along x only.
-    """
+def stopped(gap):
+    """A bar of 1 m before a stop of 1 m behind a gap; the node between them moves along x only."""
     bar = jc.Bars([[0, 1]], axial_stiffness=EA)
-    if law:  # the same as a bar with next to no stiffness in tension
-        points = jc.Polygonal([-0.5, 0.0, 0.5], [-0.5 * STOP, 0.0, 0.5e-6 * STOP])
-        stop = jc.Bars([[1, 2]], area=1.0, law=points, rest_length=1.0 - gap)
-    else:
-        stop = jc.Contacts([[1, 2]], axial_stiffness=STOP, gap=gap)
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    held = jc.pinned([0, 2]) + jc.restrained([1], "yz")
-    structure = jc.Structure(nodes, {"bar": bar, "stop": stop}, held)
+    stop = jc.Contacts([[1, 2]], axial_stiffness=STOP, gap=gap)
+    return in_line({"bar": bar, "stop": stop}, 0.0, 1.0, 2.0)
+
+
+def pushed(gap, push):
     load = jc.NodalLoads([1], jnp.array([1.0, 0, 0]) * push)
-    return jc.solve(structure, jc.Phase(loads=load), taylor.TIGHT)
+    return jc.solve(stopped(gap), jc.Phase(loads=load), TIGHT)
 
 
 @pytest.mark.slow_cases("100.0-0.0")
@@ -37,7 +31,7 @@ def on_a_line(gap, push, law=False):
 @pytest.mark.parametrize("push", [100.0, 600.0, -600.0])
 def test_a_bar_on_a_gap(gap, push):
     """Before the gap closes the bar takes all; then both share, ``EA u + k (u - gap) = push``."""
-    solution = on_a_line(gap, push)
+    solution = pushed(gap, push)
     stiff = STOP / (1.0 - gap)
     moved = push / EA
     if moved > gap:
@@ -52,22 +46,11 @@ def test_a_bar_on_a_gap(gap, push):
     assert int(solution.phases[0].path.n_slack[-1]) == int(pressed == 0)
 
 
-@pytest.mark.slow
-def test_a_bar_of_points_with_a_tiny_slope_is_the_limit():
-    """The slope in tension, 1e-6 of that in compression, changes forces by as much."""
-    for push in (600.0, -600.0):
-        mine, other = (on_a_line(0.002, push, law) for law in (False, True))
-        assert int(mine.status) == int(other.status) == 0
-        apart = mine.tension["stop"][0] - other.tension["stop"][0]
-        assert abs(float(apart)) < 1e-5 * 600
-    assert float(mine.tension["stop"][0]) == 0.0 and float(other.tension["stop"][0]) > 0.0
-
-
 def test_gradients_beside_the_kink_and_at_it():
     """The displacement by gap and force on both sides; NaN where the contact just closes."""
 
     def moved(p):
-        return on_a_line(p[0], p[1]).displacement[1, 0]
+        return pushed(p[0], p[1]).displacement[1, 0]
 
     stiff = STOP / 0.998
     # open: 1 / EA; closed: (push + s gap) / (EA + s) with s = STOP / (1 - gap)
@@ -80,12 +63,7 @@ def test_gradients_beside_the_kink_and_at_it():
         gradient = np.asarray(jax.grad(moved)(p))
         assert np.abs(gradient / np.array([1.0, 1e-5]) - np.array(expected) * [1, 1e5]).max() < 1e-9
     # the displacement is linear in all but the gap, so that its remainder is that of the gap
-    value = traced(lambda gap: moved(jnp.stack([gap, 600.0])))
-    gap = np.array(0.5)
-    rate = traced(jax.grad(lambda gap: on_a_line(gap, 1e5).displacement[1, 0]))(gap)
-    value = traced(lambda gap: on_a_line(gap, 1e5).displacement[1, 0])
-    assert 1.9 < taylor.slope(value, gap, rate, 20) < 2.1
-    assert taylor.slope(value, gap, 1.01 * rate, 20) < 1.2
+    assert_gradient(lambda gap: moved(jnp.stack([gap, 1e5])), 0.5, 20)
     # 200 N close the gap of 2 mm exactly; the load of no force leaves a contact without gap so
     assert np.isnan(jax.grad(moved)(jnp.array([0.0, 0.0]))).all()
 
@@ -93,9 +71,8 @@ def test_gradients_beside_the_kink_and_at_it():
 def stack(gaps, load, ground=1e5):
     """Blocks above each other with gaps between them, pressed from above; the lowest on ground."""
     n = len(gaps)
-    nodes = np.zeros((n + 1, 3))
-    nodes[:, 2] = np.arange(n + 1)
-    contacts = jc.Contacts([[k, k + 1] for k in range(n)], axial_stiffness=ground, gap=gaps)
+    nodes, links = pieces(n, n, (0.0, 0.0, 1.0))
+    contacts = jc.Contacts(links, axial_stiffness=ground, gap=gaps)
     held = jc.pinned([0]) + jc.restrained(range(1, n + 1), "xy")
     structure = jc.Structure(nodes, contacts, held)
     return jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, -load))))
@@ -147,18 +124,14 @@ def test_a_tripod_without_tension():
 @pytest.mark.slow
 def test_prestress_lock_off_and_heat():
     """Pretension is a compression; a jack holds it; heat closes a gap of 1 mm in part."""
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
     prop = jc.Contacts([[0, 1]], axial_stiffness=EA, expansion=1e-5, gap=0.001)
     elements = {"prop": prop, "tail": jc.Bars([[1, 2]], axial_stiffness=EA)}
-    held = jc.pinned([0, 1]) + jc.restrained([2], "yz")
-    structure = jc.Structure(nodes, elements, held)
-    stated = [{"jacking": -300.0}, {"temperature": 50.0}, {"rest_length": 0.999}]
-    stated += [{"temperature": 150.0}]
-    phases = [
-        jc.Phase(**{name: {"prop": value, "tail": None}})
-        for own in stated
-        for name, value in own.items()
-    ]
+    structure = jc.Structure(
+        pieces(2, 2.0)[0], elements, jc.pinned([0, 1]) + jc.restrained([2], "yz")
+    )
+    stated = ("jacking", -300.0), ("temperature", 50.0), ("rest_length", 0.999)
+    stated += (("temperature", 150.0),)
+    phases = [jc.Phase(**{name: {"prop": value, "tail": None}}) for name, value in stated]
     solution = jc.solve(structure, phases)
     force = [float(phase.tension["prop"][0]) for phase in solution.phases]
     locked = 1 / (1 - 300 / EA) * (1 + 50e-5)
@@ -186,15 +159,9 @@ def test_a_prop_that_yields_is_shorter_afterwards():
 
 @pytest.mark.slow
 def test_a_contact_that_a_phase_adds_has_its_gap_where_its_ends_are_then():
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    elements = {
-        "bar": jc.Bars([[0, 1]], axial_stiffness=EA),
-        "stop": jc.Contacts([[1, 2]], axial_stiffness=STOP, gap=0.002),
-    }
-    structure = jc.Structure(nodes, elements, jc.pinned([0, 2]) + jc.restrained([1], "yz"))
     push = jc.NodalLoads([1], (300.0, 0.0, 0.0))
     phases = [jc.Phase(loads=push), jc.Phase(adds="stop", loads=push)]
-    solution = jc.solve(structure, phases)
+    solution = jc.solve(stopped(0.002), phases)
     # 300 N move the end by 3 mm; then 200 N close the gap, and the rest is shared
     stiff = STOP / (1 - 0.003 - 0.002)
     assert int(solution.status) == 0
@@ -203,16 +170,8 @@ def test_a_contact_that_a_phase_adds_has_its_gap_where_its_ends_are_then():
 
 
 def test_slack_distance_of_contacts_is_their_compression():
-    solution = on_a_line(0.002, 600.0)
-    structure = jc.Structure(
-        [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]],
-        {
-            "bar": jc.Bars([[0, 1]], axial_stiffness=EA),
-            "stop": jc.Contacts([[1, 2]], axial_stiffness=STOP, gap=0.002),
-        },
-        jc.pinned([0, 2]) + jc.restrained([1], "yz"),
-    )
-    found = jc.design.slack_distance(structure, solution)
+    solution = pushed(0.002, 600.0)
+    found = jc.design.slack_distance(stopped(0.002), solution)
     assert int(solution.status) == 0 and found["bar"] is None
     assert float(found["stop"][0]) == pytest.approx(-float(solution.tension["stop"][0]) / STOP)
 
@@ -292,17 +251,15 @@ def unbalanced_and_wrong(structure, load, solution):
     return np.abs(left[5:]).max() / max(sizes), wrong / max(sizes)
 
 
+@pytest.mark.filterwarnings("ignore:node .* has moved")  # loose parts fall over
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "seeds", [range(2, 9), pytest.param(range(200), marks=pytest.mark.slow)], ids=["few", "many"]
-)
-def test_random_structures_have_no_wrong_answers(seeds):
+def test_random_structures_have_no_wrong_answers():
     """Residual, signs and complementarity of all that end with OK; the others say why.
 
     Of 200, 173 are solved (measured): the rest are loose parts that buckle far away, or mechanisms.
     """
     codes = []
-    for seed in seeds:
+    for seed in range(200):
         structure, load = random_structure(seed)
         loads = jc.NodalLoads(range(5, 10), load)
         solution = jc.solve(structure, jc.Phase(loads=loads, increments=2))

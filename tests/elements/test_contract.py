@@ -106,21 +106,7 @@ def test_the_search_finds_what_is_missing():
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
 
 
-@pytest.mark.slow_cases(
-    "Beams",
-    "Brittle",
-    "Cables",
-    "Catenaries",
-    "Cloth",
-    "Dampers",
-    "GroundSprings",
-    "Hooks",
-    "Membranes",
-    "Saddles",
-    "Springs",
-    "Thrusters",
-    "TurningSprings",
-)
+@pytest.mark.quick_cases("Bearings", "Contacts", "SlidingCables")
 @pytest.mark.parametrize(
     "group",
     [
@@ -285,76 +271,76 @@ DEFECTS = [
 ]
 
 
-class Forgetful(Dampers):
-    """Says neither that it remembers nor anything else that is right."""
-
-    has_memory = False
-
-
-class Widened(Dampers):
-    """Its memory changes its shape."""
-
-    def committed_memory(self, state, ends, motion, duration=0.0):
-        return motion
+def stressed_by(values):
+    """How cloth applies statements, by a function of them."""
+    return {"apply_statements": lambda self, state, ends, s: copy_with(state, stress=values(s))}
 
 
-class Timeless(Dampers):
-    """It knows no duration."""
-
-    def committed_memory(self, state, ends, motion):
-        return state.memory
+def two_sided_moment(self, motion):
+    """A moment that has the sign of the quaternion."""
+    return self.stiffness * 2 * motion[0, 4:]
 
 
-@pytest.mark.parametrize(
-    ("kind", "sentence"),
-    [
-        (Forgetful, "committed_memory: it is only asked where has_memory = True"),
-        (Widened, "committed_memory: expected a memory like that of the state"),
-        (Timeless, "committed_memory: expected a memory like that of the state, got TypeError"),
-    ],
-)
-def test_a_memory_is_tried(kind, sentence):
+MEMORY = "committed_memory: expected a memory like that of the state"
+STATED = "apply_statements: pretension: .* got"
+ADDED = "state_at_activation: expected a state like .*`start`, got"
+CHANGED = {  # of the contract: a class, members of it that are changed, and the sentence
+    "no memory": (
+        Dampers,
+        {"has_memory": False},
+        "committed_memory: it is only asked where has_memory = True",
+    ),
+    "memory of another shape": (
+        Dampers,
+        {"committed_memory": lambda self, state, ends, motion, duration=0.0: motion},
+        MEMORY,
+    ),
+    "no duration": (
+        Dampers,
+        {"committed_memory": lambda self, state, ends, motion: state.memory},
+        f"{MEMORY}, got TypeError",
+    ),
+    "added with a memory of another shape": (
+        Dampers,
+        {"state_at_activation": lambda self, state, ends, motion: copy_with(state, memory=motion)},
+        rf"{ADDED} `memory` .* \(1, 2, 3\)",
+    ),
+    "added without a state": (Dampers, {"state_at_activation": returns(None)}, f"{ADDED} None"),
+    "values of some for all": (
+        Cloth,
+        stressed_by(lambda s: s["pretension"].values),
+        f"{STATED} other numbers; take `stated.select",
+    ),
+    "one component": (
+        Cloth,
+        stressed_by(lambda s: s["pretension"].values[:, 0]),
+        rf"{STATED} `stress` float64 of shape \(1,\)",
+    ),
+    "another name": (
+        Cloth,
+        stressed_by(lambda s: s["stress"].values),
+        f"{STATED} KeyError: 'stress'",
+    ),
+    "quaternions of two signs": (
+        TurningSprings,
+        {"_moment": two_sided_moment},
+        "end_forces: other forces for the quaternions q and -q",
+    ),
+}
+MADE = {Dampers: ([[0, 1]], 10.0), Cloth: ([[0, 1, 2]], 1e4), TurningSprings: ([[1]], [3.0])}
+
+
+@pytest.mark.slow_cases("values of some for all", "quaternions of two signs")
+@pytest.mark.parametrize("name", CHANGED)
+def test_what_a_class_changes_is_tried(name):
+    base, members, sentence = CHANGED[name]
+    group = pytree(indices=("links",))(type("Own", (base,), members))(*MADE[base])
+    states = []
+    if base is Cloth:
+        stress = jnp.array([[3.0, 2.0]])
+        states = [copy_with(group.start(NODES[None, :3]), stress=stress)]
     with pytest.raises(ValueError, match=sentence):
-        check(pytree(indices=("links",))(kind)([[0, 1]], 10.0), NODES)
-
-
-class Everywhere(Cloth):
-    """It takes a statement for some elements as one for all."""
-
-    def apply_statements(self, state, ends, statements):
-        return copy_with(state, stress=statements["pretension"].values)
-
-
-class Summed(Cloth):
-    """It forgets that values have components."""
-
-    def apply_statements(self, state, ends, statements):
-        return copy_with(state, stress=statements["pretension"].values[:, 0])
-
-
-class Deaf(Cloth):
-    """It asks for a statement of another name."""
-
-    def apply_statements(self, state, ends, statements):
-        return copy_with(state, stress=statements["stress"].values)
-
-
-@pytest.mark.slow_cases(
-    "Everywhere-apply_statements: pretension: .* got other numbers; take `stated.select"
-)
-@pytest.mark.parametrize(
-    ("kind", "sentence"),
-    [
-        (Everywhere, "apply_statements: pretension: .* got other numbers; take `stated.select"),
-        (Summed, r"apply_statements: pretension: .* got `stress` float64 of shape \(1,\)"),
-        (Deaf, "apply_statements: pretension: .* got KeyError: 'stress'"),
-    ],
-)
-def test_statements_are_tried(kind, sentence):
-    group = pytree(indices=("links",))(kind)([[0, 1, 2]], 1e4)
-    stressed = copy_with(group.start(NODES[None, :3]), stress=jnp.array([[3.0, 2.0]]))
-    with pytest.raises(ValueError, match=sentence):
-        check(group, NODES, stressed)
+        check(group, NODES, *states)
 
 
 @pytest.mark.parametrize(
@@ -370,47 +356,6 @@ def test_names_of_statements_are_tried(statement, sentence):
 
     with pytest.raises(ValueError, match=sentence):
         jc.Structure(NODES, pytree(indices=("links",))(Own)([[0, 1, 2]], 1e4), jc.pinned([0]))
-
-
-class Lost(Dampers):
-    """One that is added has a memory of another shape."""
-
-    def state_at_activation(self, state, ends, motion):
-        return copy_with(state, memory=motion)
-
-
-class Nowhere(Dampers):
-    """One that is added has no state."""
-
-    state_at_activation = returns(None)
-
-
-@pytest.mark.parametrize(
-    ("kind", "sentence"),
-    [
-        (
-            Lost,
-            r"state_at_activation: expected a state like .*`start`, got `memory` .* \(1, 2, 3\)",
-        ),
-        (Nowhere, "state_at_activation: expected a state like that of `start`, got None"),
-    ],
-)
-def test_elements_that_are_added_are_tried(kind, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        check(pytree(indices=("links",))(kind)([[0, 1]], 10.0), NODES)
-
-
-class TwoSided(TurningSprings):
-    """Its moment has the sign of the quaternion."""
-
-    def _moment(self, motion):
-        return self.stiffness * 2 * motion[0, 4:]
-
-
-@pytest.mark.slow
-def test_quaternions_of_both_signs_are_tried():
-    with pytest.raises(ValueError, match="end_forces: other forces for the quaternions q and -q"):
-        check(pytree(indices=("links",))(TwoSided)([[1]], np.array([3.0])), NODES)
 
 
 def test_results_are_objects():

@@ -97,22 +97,6 @@ def test_own_elements_in_every_result(tmp_path):
     assert (np.asarray(found.displacement) == np.asarray(solution.displacement)).all()
 
 
-@pytest.mark.slow
-def test_gradient_by_its_stiffness():
-    def sag(k):
-        return jc.solve(mixed(k), PHASES).displacement[1, 2]
-
-    there = traced(jax.value_and_grad(sag))
-    value, slope = there(K)
-    step = 1e-2
-    for axis, moved in enumerate(step * np.eye(3)[:, None]):
-        between = (there(K + moved)[0] - there(K - moved)[0]) / (2 * step)
-        assert_allclose(slope[0, axis], between, rtol=1e-6, atol=1e-12)  # of order step^2
-    assert abs(float(slope[0, 2])) > 1e-6
-    cases = jax.vmap(sag)(np.stack([K, 2 * K]))
-    assert_allclose(cases[0], value, rtol=1e-10)
-
-
 def test_what_own_elements_cannot_do_is_refused_by_name():
     structure, solution = own()
     hooks = r"elements\['hooks'\] \(Hooks\)"
@@ -317,30 +301,6 @@ def test_a_law_with_memory_is_that_of_points_with_elastic_unloading():
     assert_allclose(own.tension, other.tension, rtol=1e-7)
     elastic = 400e3 / (2 * LAW.E * 1e-3 / 5.0 * 0.6**2)
     assert abs(float(own.phases[0].displacement[1, 2])) > 1.2 * elastic  # it has yielded
-
-
-@pytest.mark.slow
-def test_fibres_of_a_law_with_memory():
-    section = jc.Section.rectangle(0.05, 0.1, LAW, shape=(1, 6))
-    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    structure = jc.Structure(nodes, jc.Beams([[0, 1]], section=section), jc.clamped([0]))
-    push = jc.NodalLoads([1], (0.0, 0.0, -45e3))
-    phases = [jc.Phase(loads=push, increments=4), jc.Phase(loads=push.scaled(-1.0))]
-
-    @traced
-    @functools.partial(jax.jacfwd, has_aux=True)
-    def left(y):
-        law = jc.replace(section, laws=(Prager(200e9, 20e9, y),))
-        beams = jc.replace(structure.elements, section=law)
-        solution = jc.solve(jc.replace(structure, elements=beams), phases)
-        value = solution.displacement[1, 2]
-        return value, (value, solution.status)
-
-    slope, (value, code) = left(300e6)
-    assert code == status.OK and -0.1 < value < -1e-3  # plastic strains stay
-    step = 1e3
-    between = (left(300e6 + step)[1][0] - left(300e6 - step)[1][0]) / (2 * step)
-    assert_allclose(slope, between, rtol=1e-5)
 
 
 def test_increments_of_a_law_with_memory_have_derivatives():

@@ -13,7 +13,6 @@ from oracles.stiffness_method import (
     solve_frame,
 )
 from scipy.integrate import quad
-from scipy.spatial.transform import Rotation
 
 # Both sides are the same real number: round-off 1e-16 times the condition, at most 1e7, of frames
 # of a few members with EA L2 / EI up to 1e4.
@@ -201,27 +200,6 @@ def test_equilibrium_of_the_whole():
     scale = np.abs(on_nodes).max()
     assert np.abs(force).max() <= EXACT * scale
     assert np.abs(moment).max() <= EXACT * scale * np.abs(nodes).max()
-
-
-def test_rotated_structure():
-    """Everything turned, skew supports included: vectors turn along, local forces stay."""
-    nodes, members, supports, loads, springs = FRAME
-    R = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
-    turned = solve_frame(
-        nodes @ R.T,
-        [
-            dataclasses.replace(m, up=R @ m.up, offsets=np.array(m.offsets) @ R.T, load=R @ m.load)
-            for m in members
-        ],
-        [(node, R @ vector, kind) for node, vector, kind in supports],
-        (loads.reshape(-1, 3) @ R.T).reshape(-1, 6),
-        [(node, R @ vector, kind, k) for node, vector, kind, k in springs],
-    )
-    for name in ("displacements", "reactions"):
-        expected = (getattr(FOUND, name).reshape(-1, 3) @ R.T).reshape(-1, 6)
-        assert_near(getattr(turned, name), expected)
-    for name in ("held", "springs", "end_forces"):
-        assert_near(getattr(turned, name), getattr(FOUND, name))
 
 
 # Textbook values --------------------------------------------------------------------------------

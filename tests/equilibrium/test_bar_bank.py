@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.bar_bank import KINDS, drawn, judged
-from banks.net_bank import together
 
 import jaxcable as jc
 from jaxcable.common.tree import copy_with
@@ -16,12 +15,9 @@ from jaxcable.common.tree import copy_with
 # structures of random forces, some of which move far
 pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
 
-DEFAULT = "string", "prism", "blown"  # bars only, with prestressed cables, cables alone
 
-
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=[] if k in DEFAULT else pytest.mark.slow) for k in KINDS]
-)
+@pytest.mark.quick_cases("string", "prism", "blown")  # bars, with prestressed cables, cables alone
+@pytest.mark.parametrize("kind", KINDS)
 def test_bars_converge_from_anywhere(kind):
     steps = []
     for seed in range(12):
@@ -64,21 +60,6 @@ def test_steps_do_not_grow_with_the_stiffness_of_a_bar_that_turns(increments):
         assert np.hypot(x, z) == pytest.approx(length, rel=1e-10 * force / stiffness + 1e-15)
         rounded = 1e-9 + 1e-15 * stiffness / force
         assert float(solution.tension[0]) == pytest.approx(force, rel=rounded)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["string", pytest.param("mixed", marks=pytest.mark.slow)])
-def test_a_structure_ends_alone_as_in_a_batch(kind):
-    def results(solution):
-        return solution.status, jnp.concatenate(jax.tree.leaves(solution.tension))
-
-    scenes = [drawn(kind, seed, (2, 6)) for seed in range(6)]
-    (codes, tension), alone = together(scenes, results)
-    for k, (code, own) in enumerate(alone):
-        assert int(code) == int(codes[k]) == jc.status.OK
-        # both within the tolerance of residuals, 1e-10, and the rounding of lengths, eps EA
-        apart = 1e-8 + 16 * np.finfo(float).eps * scenes[k].ratio
-        np.testing.assert_allclose(tension[k], own, rtol=0, atol=apart * np.abs(own).max())
 
 
 @pytest.mark.slow

@@ -59,9 +59,9 @@ def check_failed(solution, code, phase, increment):
 
 def test_a_bar_that_slides_freely_is_a_mechanism():
     """Bars that slide along x, pulled where only the first one is held: in the second phase."""
-    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
     bars = jc.Bars([[0, 1], [2, 3]], axial_stiffness=100.0)
-    structure = jc.Structure(nodes, bars, jc.pinned([0]) + jc.restrained([2, 3], "yz"))
+    held = jc.pinned([0]) + jc.restrained([2, 3], "yz")
+    structure = jc.Structure(shapes.pieces(3, 3)[0], bars, held)
     safe = jc.Phase(loads=jc.NodalLoads([1], (5.0, 0, 0)))
     push = jc.Phase(loads=jc.NodalLoads([3], (1.0, 0, 0)), increments=3)
     with pytest.warns(jc.UnstableWarning, match=r"phases\[0\]"):  # nothing holds them before it
@@ -72,8 +72,8 @@ def test_a_bar_that_slides_freely_is_a_mechanism():
 
 
 def test_cable_net_that_nothing_holds_is_a_mechanism():
-    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
-    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=100.0)
+    nodes, links = shapes.pieces(2, 2)
+    cables = jc.Cables(links, axial_stiffness=100.0)
     structure = jc.Structure(nodes, cables, jc.restrained([0, 2], "z"))  # rollers only
     load = jc.NodalLoads([1], (0, 1.0, -1.0))
     check_failed(jc.solve(structure, jc.Phase(loads=load)), status.MECHANISM, 0, 0)

@@ -20,15 +20,6 @@ def _parameters():
 
 
 # that float32 is coarse far from the origin is what some of these cases are about
-@pytest.mark.slow_cases(
-    "cable at the corner of its curve, float64",
-    "flat net without prestress, float32",
-    "flat net without prestress, float64",
-    "slack net drawn down, then up, float64",
-    "truss pushed through, float64",
-    "two links without prestress, float32",
-    "two links without prestress, float64",
-)
 @pytest.mark.filterwarnings("ignore:nodes.* in float32:jaxcable.InputWarning")
 @pytest.mark.parametrize(("case", "dtype"), list(_parameters()))
 def test_hard_case(case, dtype):

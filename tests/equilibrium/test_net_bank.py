@@ -14,11 +14,6 @@ import jaxcable as jc
 from jaxcable.common.tree import copy_with
 
 
-def with_slow_marks(kinds, *default):
-    """Return parameters, those that are no `default` marked as slow: each kind has its program."""
-    return [pytest.param(k, marks=[] if k in default else pytest.mark.slow) for k in kinds]
-
-
 def check_kind(kind, dtype, seeds=range(12)):
     steps = []
     for seed in seeds:
@@ -30,7 +25,8 @@ def check_kind(kind, dtype, seeds=range(12)):
     assert np.concatenate(steps).max() <= 100
 
 
-@pytest.mark.parametrize("kind", with_slow_marks(KINDS, "far", "jacks"))
+@pytest.mark.quick_cases("far", "jacks")  # each kind has its program
+@pytest.mark.parametrize("kind", KINDS)
 def test_nets_converge_from_anywhere(kind):
     check_kind(kind, "float64")
 
@@ -54,7 +50,8 @@ def test_a_judgement_can_fail():
     assert stopped.missed and not stopped.ok
 
 
-@pytest.mark.parametrize("kind", with_slow_marks(["jacks", "rope", "catenaries"], "jacks"))
+@pytest.mark.quick_cases("jacks")
+@pytest.mark.parametrize("kind", ["jacks", "rope", "catenaries"])
 def test_a_net_ends_alone_as_in_a_batch(kind):
     def results(solution):
         steps = jnp.concatenate([phase.path.iterations for phase in solution.phases])
@@ -72,7 +69,8 @@ def test_a_net_ends_alone_as_in_a_batch(kind):
         assert np.abs(force - tension[k]).max() <= floor
 
 
-@pytest.mark.parametrize("kind", with_slow_marks(["jacks", "far", "sliding", "far hung"], "jacks"))
+@pytest.mark.quick_cases("jacks")
+@pytest.mark.parametrize("kind", ["jacks", "far", "sliding", "far hung"])
 def test_derivatives_are_those_of_the_independent_equilibrium(kind):
     compared = 0
     for seed in range(8):

@@ -55,34 +55,3 @@ def test_random_nets_converge_from_random_starts_to_one_energy(count):
         assert np.ptp(energies) < 1e-9 * (stored + abs(work)), (seed, energies)
     assert with_slack > count
     assert steps <= 200
-
-
-@pytest.mark.slow
-def test_nets_of_catenaries_ropes_and_cables_converge_from_random_starts():
-    """Their energies are convex, too: one equilibrium whatever the start.
-
-    A rope runs between three anchors over two free nodes, which it cannot draw onto each other
-    (there its energy has a kink and the equilibrium no tangent).
-    """
-    for seed in range(3):
-        nodes, links, stiffness, rest, forces, anchors, free = random_net(seed)
-        rng = np.random.default_rng(2000 + seed)
-        half = len(links) // 2
-        over = rng.choice(free, 2, replace=False)
-        chain = [anchors[0], over[0], anchors[1], over[1], anchors[2]]
-        length = np.linalg.norm(np.diff(nodes[chain], axis=0), axis=1).sum()
-        numbers = dict(axial_stiffness=stiffness[:half], rest_length=rest[:half])
-        hanging = jc.Catenaries(links[:half], weight=10 ** rng.uniform(-1, 2, half), **numbers)
-        numbers = dict(axial_stiffness=stiffness[half:], rest_length=rest[half:])
-        straight = jc.Cables(links[half:], **numbers)
-        rope = jc.SlidingCables([chain], 1e4, rest_length=length * rng.uniform(0.8, 1.2))
-        elements = {"hanging": hanging, "straight": straight, "rope": rope}
-        # weight of ropes and straight cables is left out: it would depend on initial places
-        phase = jc.Phase(loads=[jc.SelfWeight(), jc.NodalLoads(free, forces)])
-        tensions = []
-        for begin in starts(seed, nodes, free):
-            solution = jc.solve(jc.Structure(begin, elements, jc.pinned(anchors)), [phase])
-            assert int(solution.status) == 0, (seed, jc.describe(solution.status))
-            tensions.append(np.concatenate([solution.tension[name] for name in elements]))
-        # the residual, 1e-10 of the forces, over the softest way to move (weights of 0.1 N/m)
-        assert np.ptp(tensions, axis=0).max() < 1e-6 * np.abs(tensions[0]).max(), seed

@@ -163,7 +163,7 @@ SCENES = {
 BY_ROUNDING = ("tripod", "cantilever")  # 1e-10 of their forces is not reached
 
 
-@pytest.mark.slow_cases("cantilever", "catenaries", "net", "tripod")
+@pytest.mark.quick_cases("membrane")
 @pytest.mark.parametrize("name", SCENES)
 def test_converged_means_below_tolerance_or_rounding(name):
     structure, phases = SCENES[name]()

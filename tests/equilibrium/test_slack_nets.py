@@ -1,6 +1,5 @@
 """Nets with large slack regions: few steps, whatever their size, to the state of least energy."""
 
-import jax
 import numpy as np
 import pytest
 from banks.slack_nets import KINDS, scene
@@ -51,21 +50,3 @@ def test_tensions_are_those_of_least_energy():
 @pytest.mark.parametrize("ratio", [1e2, 1e6])
 def test_steps_are_few_for_any_stiffness_and_pattern(kind, ratio):
     assert steps_of(jc.solve(*scene(kind, 20, ratio))) <= MAX_STEPS
-
-
-@pytest.mark.slow
-def test_slack_nets_in_a_batch():
-    structure, phase = scene("half", 6)
-
-    def run(factor):
-        loads = jc.replace(phase.loads, forces=factor * phase.loads.forces)
-        solution = jc.solve(structure, jc.replace(phase, loads=loads))
-        return solution.status, solution.phases[0].path.iterations[0], solution.tension
-
-    factors = np.array([0.1, 1.0, 10.0])
-    codes, steps, tension = jax.vmap(run)(factors)
-    assert (np.asarray(codes) == jc.status.OK).all()
-    for k, factor in enumerate(factors):
-        _, own, alone = run(factor)
-        assert abs(int(own) - int(steps[k])) <= 2
-        assert np.abs(np.asarray(alone - tension[k])).max() < 1e-8 * factor

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.traced import traced
 
@@ -124,8 +125,7 @@ def test_random_trusses_against_eigenvalues():
 def test_a_clamped_column_of_beams():
     """Euler's load of a cantilever, pi^2 EI / (2 L)^2; eight elements miss it by 1e-4."""
     n, length = 8, 10.0
-    nodes = np.outer(np.linspace(0, length, n + 1), [0.0, 0.0, 1.0])
-    links = np.stack([np.arange(n), np.arange(1, n + 1)], axis=1)
+    nodes, links = pieces(n, length, (0.0, 0.0, 1.0))
     section = jc.Section.disc(0.1, jc.Elastic(210e9))
     column = jc.Structure(nodes, jc.Beams(links, section=section, up=(1.0, 0, 0)), jc.clamped([0]))
     euler = np.pi**2 * 210e9 * np.pi * 0.1**4 / 64 / (2 * length) ** 2

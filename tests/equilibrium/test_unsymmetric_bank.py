@@ -16,7 +16,6 @@ from jaxcable.common.tree import Indices, pytree
 # structures of random forces, some of which move far
 pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
 
-DEFAULT = "towed", "driven"
 ONE_SIDED = [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 
 
@@ -42,9 +41,8 @@ class Linear(Joined):
         return jnp.zeros(())
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(k, marks=[] if k in DEFAULT else pytest.mark.slow) for k in KINDS]
-)
+@pytest.mark.quick_cases("towed", "driven")
+@pytest.mark.parametrize("kind", KINDS)
 def test_unsymmetric_structures_converge(kind):
     """Steps by the symmetric part of the tangent alone fail in "towed" 0 and "driven" 1, too."""
     steps = []

@@ -1,13 +1,11 @@
 """Moved supports and loads along elements, in nets: closed forms and derivatives."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
-from oracles.taylor import slope
+from oracles.taylor import assert_gradient
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -25,8 +23,6 @@ def two_links(phases):
 MOVE = np.array([[-0.01, 0.0, -0.1], [0.02, 0.0, 0.3]])
 
 
-@traced
-@functools.partial(jax.value_and_grad, has_aux=True)
 def spread(move, more):
     """Two prestressed links whose supports are moved along x and z, and once `more`."""
     phases = [
@@ -42,7 +38,7 @@ def spread(move, more):
 @pytest.mark.slow
 def test_moved_supports_stretch_the_links():
     """Also in a second phase, which keeps what was moved before."""
-    (_, solution), _ = spread(MOVE, 0.5 * MOVE)
+    _, solution = spread(MOVE, 0.5 * MOVE)
     assert int(solution.status) == 0
     for phase, move in zip(solution.phases[1:], (MOVE, 1.5 * MOVE), strict=True):
         ends = np.array([[-1.0, 0, 0], [1.0, 0, 0]]) + move
@@ -58,11 +54,10 @@ def test_moved_supports_stretch_the_links():
 
 def test_gradient_by_the_movement():
     def value(move):
-        return spread(move, 0.5 * MOVE)[0][0]
+        force, solution = spread(move, 0.5 * MOVE)
+        return force, solution.status
 
-    gradient = spread(MOVE, 0.5 * MOVE)[1]
-    assert abs(slope(value, MOVE, gradient) - 2) < 0.05
-    assert slope(value, MOVE, gradient.at[1, 0].multiply(1.01)) < 1.5
+    gradient = assert_gradient(value, MOVE)
     along = np.array([[-1.0, 0, 0], [1.0, 0, 0]]) + MOVE
     length = np.linalg.norm(along[1] - along[0])
     normal = (along[1] - along[0]) / length

@@ -3,13 +3,11 @@
 import functools
 import itertools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
-from oracles.taylor import TIGHT, slope
-from oracles.traced import traced
+from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 
@@ -111,12 +109,6 @@ CASES = {
 }
 
 
-def names(cases):
-    """Names of cases, of which some are slow."""
-    quick = ("stages",)
-    return [pytest.param(name, marks=[] if name in quick else pytest.mark.slow) for name in cases]
-
-
 @functools.lru_cache
 def solved(name):
     structure, phases = CASES[name]()[:2]
@@ -125,8 +117,8 @@ def solved(name):
     return solution
 
 
-@pytest.mark.slow_cases("beams", "catenaries", "freed", "pressure")
-@pytest.mark.parametrize("name", names(CASES))
+@pytest.mark.quick_cases("stages")
+@pytest.mark.parametrize("name", CASES)
 def test_loads_of_every_end_are_in_balance_with_reactions(name):
     """Of the whole structure, whatever is inside; and they change from phase to phase."""
     loads = [np.asarray(phase.load) for phase in solved(name).phases]
@@ -137,7 +129,8 @@ def test_loads_of_every_end_are_in_balance_with_reactions(name):
     assert max(np.abs(a - b).max() for a, b in itertools.pairwise(loads)) > 1.0
 
 
-@pytest.mark.parametrize("name", names(["beams", "pressure", "freed", "stages"]))
+@pytest.mark.quick_cases("stages")
+@pytest.mark.parametrize("name", ["beams", "pressure", "freed", "stages"])
 def test_sums_by_hand(name):
     by_hand = CASES[name]()[2]
     for k, phase in enumerate(solved(name).phases):
@@ -156,16 +149,11 @@ def test_phases_that_failed_have_none():
 def test_taylor_at_the_end_of_a_phase(name):
     """Of the loads of a phase in the middle, by places of nodes."""
     structure, phases, _ = CASES[name]()
-    nodes = jnp.asarray(structure.nodes, float)
-    weight = jnp.asarray(np.random.default_rng(3).normal(size=nodes.shape))
+    weight = np.random.default_rng(3).normal(size=structure.nodes.shape)
 
-    @traced
-    @jax.value_and_grad
     def inside(nodes):
         solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)
-        return jnp.sum(weight * solution.phases[1].load)
+        return jnp.sum(weight * solution.phases[1].load), solution.status
 
-    gradient = inside(nodes)[1]
+    gradient = assert_gradient(inside, structure.nodes, corrupted=1.05)
     assert np.abs(gradient).max() > 1.0
-    assert slope(lambda p: inside(p)[0], nodes, gradient) == pytest.approx(2, abs=0.1)
-    assert slope(lambda p: inside(p)[0], nodes, 1.05 * gradient) < 1.5

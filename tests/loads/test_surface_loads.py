@@ -3,7 +3,6 @@
 import functools
 import json
 
-import jax
 import jax.numpy as jnp
 import jsonschema
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from extensions.own_membrane import Membranes, sheet
 from numpy.testing import assert_allclose
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 from jaxcable.common import checks, status
@@ -38,8 +37,7 @@ def square():
 def loaded(*loads, phases=()):
     """The solution of the stretched square under loads."""
     given = [jc.Phase(prestrain=0.01), jc.Phase(loads=loads), *phases]
-    solution = converged(jc.solve(square(), given))
-    return solution
+    return converged(jc.solve(square(), given))
 
 
 PRESSURES = np.random.default_rng(1).uniform(40.0, 90.0, HALF)
@@ -80,20 +78,6 @@ def test_a_load_on_a_group_is_that_on_its_faces(by_group, by_faces):
     # the order of sums differs, and the iteration ends at 1e-10 of the forces
     assert_allclose(found.load, expected.load, atol=1e-11)
     assert_allclose(found.displacement, expected.displacement, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_combinations_of_loads_on_groups():
-    """A batch of factors of a load with a value for each element, against one at a time."""
-    structure, first = square(), jc.solve(square(), jc.Phase(prestrain=0.01))
-    cases = [jc.FacePressure(pressure=PRESSURES, on="one"), jc.AreaLoads(forces=FORCES, on="two")]
-    factors = np.array([[1.35, 0.0], [1.0, 1.5]])
-    loads = jc.combine(cases, factors)
-    found = jax.vmap(lambda one: jc.solve(structure, jc.Phase(loads=one), start=first).load)(loads)
-    for own, (p, f) in zip(found, factors, strict=True):
-        each = jc.FacePressure(FIRST, p * PRESSURES), jc.AreaLoads(SECOND, f * FORCES)
-        alone = converged(jc.solve(structure, jc.Phase(loads=each), start=first))
-        assert_allclose(own, alone.load, atol=1e-9)  # pressure follows to 1e-10 of the forces
 
 
 def test_resultants_are_area_times_load():
@@ -242,7 +226,6 @@ def test_a_tube_under_pressure():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
-@functools.partial(jax.jit, static_argnums=0)
 def sag(absent, numbers):
     """Displacement of the middle by pressures of elements, heights of nodes and an area load."""
     structure = square()
@@ -255,17 +238,14 @@ def sag(absent, numbers):
     removes = {"one": jc.only([3, 4]), "two": jc.only([5])} if absent else None
     phases = [jc.Phase(prestrain=0.01, removes=removes), jc.Phase(loads=loads)]
     solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)
-    return jnp.where(solution.status == status.OK, solution.displacement[12, 2], jnp.nan)
+    return solution.displacement[12, 2], solution.status
 
 
 @pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("absent", [False, True])
 def test_gradients(absent):
-    value, at = functools.partial(sag, absent), jnp.ones(HALF + 2)
-    gradient = jax.grad(value)(at)
+    gradient = assert_gradient(functools.partial(sag, absent), np.ones(HALF + 2), 25.0)
     assert ((np.asarray(gradient)[[3, 4]] == 0) == absent).all()
-    assert slope(value, at, gradient, 25.0) == pytest.approx(2.0, abs=0.1)
-    assert slope(value, at, 1.02 * gradient, 25.0) == pytest.approx(1.0, abs=0.15)
 
 
 def test_what_is_no_face_is_refused(monkeypatch):

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import pieces
 from extensions.own_links import Dampers
 from extensions.own_motion import GRAVITY, at_rest, history, let_go, moving, step_in_time
 from jax import lax
@@ -31,11 +32,11 @@ pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeigh
 
 
 def chain(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    return pieces(n)[1]
 
 
 def along_x(length, n):
-    return np.column_stack([np.linspace(0.0, length, n + 1), np.zeros((n + 1, 2))])
+    return pieces(n, length)[0]
 
 
 def gone(system, start, duration, count, damping=0.0, rho=None):

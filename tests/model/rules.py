@@ -16,8 +16,6 @@ from jaxcable import design, forms
 from jaxcable.analysis.preparation import prepare, traced_input_status
 from jaxcable.analysis.solution import State
 from jaxcable.common.tree import merge_indices, split_indices
-from jaxcable.design.arguments import check_tolerance, checked_smoothing_width, is_valid_tolerance
-from jaxcable.design.bounds import broadcast_to_params
 from jaxcable.mechanics.restart_state import initial_restart_state
 from jaxcable.paths.trace import check_path_settings
 
@@ -48,10 +46,6 @@ def net(nodes=NODES, kind=jc.Cables, links=LINKS, **numbers):
     if not any(name in numbers for name in ("axial_stiffness", "area", "section")):
         numbers["axial_stiffness"] = 1e3
     return jc.Structure(nodes, kind(links, **numbers), supports=jc.pinned([0, 2]))
-
-
-def rope(v):
-    return code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]]))
 
 
 def frame(**numbers):
@@ -107,14 +101,6 @@ def curve(strain, stress, unloading="reversible"):
     return code(net(kind=jc.Bars, area=1.0, law=law))
 
 
-def of_strains(v):
-    return curve(v, [0.0, 1e6, 1.5e6])
-
-
-def through_origin(v):
-    return curve([-1e-3, 1e-3], v)
-
-
 def of_stresses(unloading="reversible"):
     return lambda v: curve([-1e-3, -5e-4, 0.0, 1e-3, 2e-3], v, unloading)
 
@@ -131,18 +117,6 @@ def numbers(name):
     return lambda v: code(frame(section=jc.Section.linear(**known | {name: v})))
 
 
-def thickness(v):
-    return jc.sections.bredt_torsion(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]), v)
-
-
-def composed(v):
-    return jc.Section.composite([DISC, DISC.shifted(z=0.2)], torsion=v).torsion
-
-
-def drawn_steel(v):
-    return code(net(area=1.0, law=jc.materials.steel(v)))
-
-
 def stated(name, kind=jc.Cables, **numbers):
     """A phase's statement for one cable of two, so that nothing is said of the other."""
     return lambda v: code(net(kind=kind, **numbers), jc.Phase(**{name: jc.only([1], v)}))
@@ -157,10 +131,6 @@ def plumb(v):
 
 def of_method(kind, name):
     return lambda v: code(net(), None, kind(**{name: v}))
-
-
-def pressed(axis):
-    return code(net(), jc.Phase(loads=jc.CablePressure(1.0, axis)))
 
 
 def blown(name, kind=None, **numbers):
@@ -192,10 +162,6 @@ def of_eurocode(name, **numbers):
 def iced(name):
     numbers = {"thickness": 0.02, "diameter": 0.02, "density": 900.0}
     return lambda v: code(net(), jc.Phase(loads=jc.IceLoads(**numbers | {name: v})))
-
-
-def placed(v):
-    return code(frame(), jc.Phase(loads=jc.PointLoads([0], v, AXIS)))
 
 
 def of_train(v):
@@ -239,18 +205,6 @@ def unstrained(structure):
     return State(**still, restart=restart, fixed=(fixed,), **named)
 
 
-def along(v):
-    return jc.section_forces(frame(), unstrained(frame()), v)
-
-
-def weighed(v):
-    return jc.PointMasses([1], v).nodal_forces((3, 3), float)
-
-
-def lined(v):
-    return jc.design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients
-
-
 def lost(v):
     """Forces of the sudden loss of an element, by its dynamic factor."""
     return design.loss_of_cable(net(), unstrained(net()), [0], dynamic_factor=v).loads[0].forces
@@ -265,10 +219,6 @@ def over(v):
     ground = jnp.array([[-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [3.0, 0.0, -1.0]])
     ground = ground * jnp.asarray(v)[None]
     return jc.results.clearance_over_ground(frame(), unstrained(frame()), ground).least
-
-
-def leaning(v):
-    return jc.results.node_tilts(frame(), unstrained(frame()), v).tilt
 
 
 def swinging(v):
@@ -302,10 +252,6 @@ def chain(v):
     return forms.hanging_chain((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2, v[0], v[1], v[2])
 
 
-def hung_to(end):
-    return forms.hanging_chain((0.0, 0.0, 0.0), end, 3, 0.1, 1.0, 1e6)[0]
-
-
 PRISM = jc.scenes.simplex()[0]
 
 
@@ -313,22 +259,6 @@ def prestressed(v):
     groups = forms.symmetric_groups(PRISM, fold=3)
     verticals = int(groups["verticals"][0])
     return forms.feasible_prestress(PRISM, groups, group=verticals, tension=v).group_tension
-
-
-def scaled(v):
-    return broadcast_to_params(v, jnp.ones(2), "scale", positive=True)
-
-
-def tolerated(v):
-    return jnp.where(is_valid_tolerance(check_tolerance(v, 1e-3)), 1.0, jnp.nan)
-
-
-def adjusted(v):
-    return design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v)
-
-
-def scattered(v):
-    return design.propagate_tolerances(jnp.eye(2), v)[0]
 
 
 def scattered_by(name, kind=jc.reliability.Normal, **others):
@@ -343,11 +273,12 @@ def correlated(v):
     return own.values_at(jnp.ones(2))["b"]
 
 
-def used(v):
-    return design.material_use(STRESSED, v)
+def tolerated(v):
+    arguments = design.arguments
+    valid = arguments.is_valid_tolerance(arguments.check_tolerance(v, 1e-3))
+    return jnp.where(valid, 1.0, jnp.nan)
 
 
-width = checked_smoothing_width
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
@@ -394,25 +325,30 @@ of_beams("springs", hinges=[[True, False]] * 2),  # springs: springs[0, 0, 0] = 
 spun, 1.0, 0.0  # springs: hinges[0]: both ends
 of_beams("up"), AXIS, (5.0, 0.0, 1.0)  # up: up[0]...must not be along the element
 ## elements/sliding.py
-rope, 1.0, JOINED  # nodes: links[0]: its nodes [0, 1] coincide
+lambda v: code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]])), 1.0, JOINED
+    # nodes: links[0]: its nodes [0, 1] coincide
 ## model/structure.py
 lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
 ## materials/elastic.py
 lambda v: code(net(area=1.0, law=jc.Elastic(v))),  # E: E = -1.0: Young's modulus must be positive
 lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, 0.0  # E: E = 0.0: Young's
 ## materials/point_rules.py
-of_strains, STRAIN, [0.0, 1e-3, np.inf]  # strain: strain[2] = inf: must be finite
-of_strains, STRAIN, [0.0, 1e-3, 1e-3]  # strain: strain[2] = 0.001: must be above strain[1]
-of_strains, STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
+lambda v: curve(v, [0.0, 1e6, 1.5e6]), STRAIN, [0.0, 1e-3, np.inf]
+    # strain: strain[2] = inf: must be finite
+lambda v: curve(v, [0.0, 1e6, 1.5e6]), STRAIN, [0.0, 1e-3, 1e-3]
+    # strain: strain[2] = 0.001: must be above strain[1]
+lambda v: curve(v, [0.0, 1e6, 1.5e6]), STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
 of_stresses(), STRESS, [-1e6, -5e5, 5.0, 1e6, 1e6]  # stress: stress[2] = 5.0: at zero strain
 of_stresses(), STRESS, [-1e6, -5e5, 0.0, -1e6, 1e6]  # stress: ...slope at the origin, -1e
 of_stresses(), STRESS, [-1e6, -5e5, 0.0, 1e6, -1.0]  # stress: stress[4] = -1.0: of the other sign
 of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 3e6]  # stress: stress[3]: ...concave
 of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 5e5]  # stress: stress[3]: ...concave
 of_stresses("elastic"), STRESS, [-6e5, -6e5, 0.0, 1e6, 1e6]  # stress: ...segment 0 from the origin
-through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa at zero strain
+lambda v: curve([-1e-3, 1e-3], v), [-1e6, 1e6], [-1e6, 2e6]
+    # stress: ...the curve has 500000 Pa at zero strain
 ## materials/presets.py
-drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
+lambda v: code(net(area=1.0, law=jc.materials.steel(v))), 1e8, -1.0
+    # _require_positive: yield_stress = -1.0
 ## sections/section.py
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
 lambda v: code(frame(section=DISC.with_shear(v, 1e7))),  # GAy: GAy = -1.0: must be positive
@@ -434,9 +370,11 @@ lambda v: jc.sections.lattice(4, v, 1.0, 1.0, 1.0).EIy,  # _positive_number: wid
 lambda v: jc.Section.disc(v, LAW).area,  # _positive_length: diameter = -1
 lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_if_allowed: twice
 ## sections/torsion.py
-thickness,  # thickness: thickness = -1.0
+lambda v: jc.sections.bredt_torsion(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]), v),
+    # thickness: thickness = -1.0
 ## sections/composites.py
-composed,  # torsion: torsion = -1.0
+lambda v: jc.Section.composite([DISC, DISC.shifted(z=0.2)], torsion=v).torsion,
+    # torsion: torsion = -1.0
 ## analysis/prestress_rules.py
 stated("rest_length"),  # value_rules: ...rest_length[1] = -1.0: ... must be positive
 stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
@@ -460,7 +398,8 @@ stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
     # capacity_rules: ...pretension[1] = -1000001.0: ...law of the element can
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
-pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
+lambda v: code(net(), jc.Phase(loads=jc.CablePressure(1.0, v))), AXIS, NOWHERE
+    # axis: axis: is zero
 ## loads/wind.py
 blown("direction"), AXIS, NOWHERE  # direction: direction: is zero; give the direction towards
 blown("vertical"), AXIS, NOWHERE  # vertical: vertical: is zero
@@ -488,9 +427,11 @@ iced("thickness"), [0.1, 0.0], [0.1, -0.1]  # thickness: thickness[1] = -0.1: mu
 iced("diameter"),  # diameter: diameter = -1.0: must not be negative
 iced("density"),  # density: density = -1.0: must not be negative
 ## loads/masses.py
-weighed,  # masses: masses = -1.0: must not be negative
+lambda v: jc.PointMasses([1], v).nodal_forces((3, 3), float),
+    # masses: masses = -1.0: must not be negative
 ## loads/points.py
-placed, 0.5, 1.5  # places: places = 1.5: must be from 0 to 1
+lambda v: code(frame(), jc.Phase(loads=jc.PointLoads([0], v, AXIS))), 0.5, 1.5
+    # places: places = 1.5: must be from 0 to 1
 ## loads/path_loads.py
 of_train, 1.0, -1.0  # spacings: spacings[0] = -1.0
 ## loads/varying.py
@@ -517,12 +458,14 @@ of_path("tol"), 1e-9, -1e-9  # tol: tol = -1e-09
 swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
 swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
 ## results/internal_forces.py
-along, [0.5], [1.5]  # places: places[0] = 1.5
+lambda v: jc.section_forces(frame(), unstrained(frame()), v), [0.5], [1.5]
+    # places: places[0] = 1.5
 ## results/clearances.py
 above, [0.0, 0.6, 0.8], [0.0, 0.0, 0.0]  # normal: expected a vector of length above zero
 over, [1.0, 1.0, 1.0], [0.0, 0.0, 1.0]  # profile: profile[1]: lies above or below profile[0]
 ## results/rotations.py
-leaning, [0.0, 0.6, 0.8], [0.0, 0.0, 0.0]  # axis: expected a vector of length above zero
+lambda v: jc.results.node_tilts(frame(), unstrained(frame()), v).tilt, [0.0, 0.6, 0.8], NOWHERE
+    # axis: expected a vector of length above zero
 ## forms/relaxation.py
 relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]  # tol: tol... = -1.0
 ## forms/input_checks.py
@@ -537,14 +480,17 @@ lambda v: jc.force_density(net(), v, PULL),  # values_by_group: q[0] = -1.0
 chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]  # hanging_chain: sag = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.0
-hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
+lambda v: forms.hanging_chain(NOWHERE, v, 3, 0.1, 1.0, 1e6)[0], (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)
+    # second: first, second: the ends lie above each other
 ## forms/feasible_prestress.py
 prestressed,  # tension: tension = -1.0: with this tension in group
 ## design/bounds.py
-scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
+lambda v: design.bounds.broadcast_to_params(v, jnp.ones(2), "scale", positive=True),
+    [1.0, 1.0], [1.0, -1.0]
+    # fill: scale[1] = -1.0
 ## design/arguments.py
 tolerated, 0.5, 1.0  # tol: tol = 1.0
-width, 0.1, 0.0  # width: width = 0.0: must be positive
+design.arguments.checked_smoothing_width, 0.1, 0.0  # width: width = 0.0: must be positive
 ## design/targets.py
 lambda v: jc.design.Target("tension", v).value, 1.0, np.nan  # value: value = nan: must be finite
 lambda v: jc.design.Target("tension", within=v).within, 1.0, 0.0  # within: within = 0.0
@@ -553,14 +499,17 @@ lost, 2.0, 0.5  # dynamic_factor: dynamic_factor = 0.5: expected a finite number
 lost, 2.0, np.inf  # dynamic_factor: dynamic_factor = inf: expected a finite number
 lost, 2.0, np.nan  # dynamic_factor: dynamic_factor = nan: expected a finite number
 ## design/influence.py
-adjusted, 0.1, 1.0  # rcond: rcond = 1.0
-adjusted, 0.1, -1.0  # rcond: rcond = -1.0: must
-scattered, [1.0, 1.0], [1.0, -1.0]  # tolerance: tolerance[1] = -1.0: must not be negative
+lambda v: design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v), 0.1, 1.0  # rcond: rcond = 1.0
+lambda v: design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v), 0.1, -1.0
+    # rcond: rcond = -1.0: must
+lambda v: design.propagate_tolerances(jnp.eye(2), v)[0], [1.0, 1.0], [1.0, -1.0]
+    # tolerance: tolerance[1] = -1.0: must not be negative
 ## design/influence_line.py
-lined, AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
+lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients,
+    AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
 ## design/objectives.py
-used,  # material_use: ...stress = -1.0
-used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+lambda v: design.material_use(STRESSED, v),  # material_use: ...stress = -1.0
+lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 ## reliability/distributions.py
 scattered_by("deviation"),  # deviation: deviation = -1.0: must be positive
 scattered_by("variation"),  # variation: variation = -1.0: must be positive

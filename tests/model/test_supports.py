@@ -1,15 +1,15 @@
 """Supports in any direction, forks, rigid arms, joints, free spins: against independent statics."""
 
-import functools
 import warnings
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import beam, pieces
 from oracles import stiffness_method as oracle
 from oracles.convergence import converged
-from oracles.taylor import slope
+from oracles.taylor import assert_gradient
 from oracles.traced import traced
 from scipy.spatial.transform import Rotation
 
@@ -21,10 +21,6 @@ BOX = jc.Section.rectangle(0.05, 0.1, LAW)
 GJ = float(BOX.torsional_stiffness())
 STIFFNESS = np.asarray(BOX.stiffness())
 UP = np.array([0.0, 0.0, 1.0])
-
-
-def chain(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
 
 
 # --- skew supports
@@ -82,18 +78,14 @@ def test_a_skew_support_that_moves_and_is_released():
 
 def fork(n=2, axes=None):
     """Beam along x on two forks that keep its ends from twisting; at one it may slide."""
-    nodes = np.linspace(np.zeros(3), [4.0, 0, 0], n + 1)
     ends = jc.restrained([0], "xyz", "x", axes) + jc.restrained([n], "yz", "x", axes)
-    return jc.Structure(nodes, jc.Beams(chain(n), section=BOX), ends)
+    return beam(n, BOX, 4.0, ends)
 
 
 @pytest.mark.slow
 def test_a_swing_keeps_no_twist_whatever_the_way():
     """An end that one rotation holds, led round by large moments in one phase or in three."""
-    nodes = np.linspace(np.zeros(3), [4.0, 0, 0], 3)
-    structure = jc.Structure(
-        nodes, jc.Beams(chain(2), section=BOX), jc.restrained([0], "xyz", "x") + jc.pinned([2])
-    )
+    structure = beam(2, BOX, 4.0, jc.restrained([0], "xyz", "x") + jc.pinned([2]))
     moments = [(0.0, 4e4, 0.0), (0.0, 0.0, 2e4), (0.0, -1e4, 5e3)]
     total = np.sum(moments, axis=0)
 
@@ -119,7 +111,7 @@ def test_lateral_torsional_buckling_between_forks():
     thin = jc.Section.rectangle(0.01, 0.1, LAW)
     stiffness = np.asarray(thin.stiffness())
     torsion = float(thin.torsional_stiffness())
-    structure = jc.replace(fork(n), elements=jc.Beams(chain(n), section=thin))
+    structure = jc.replace(fork(n), elements=jc.Beams(pieces(n)[1], section=thin))
     unit = jc.NodalLoads([0, n], np.zeros((2, 3)), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
 
     @traced
@@ -216,34 +208,23 @@ def test_a_cable_about_to_slacken_at_a_carried_node_has_no_derivative():
 
 @pytest.mark.slow
 def test_gradients_through_arms_forks_and_springs():
-    """Taylor remainders by loads, places and springs; with a corrupted gradient as a control."""
+    """By springs, places and loads."""
     arm = np.array([0.4, 0.2, 0.1])
     base = bracket(arm)
     hinges = np.array([[[False, True, True], [False, False, False]]])
 
-    @traced
-    @functools.partial(jax.value_and_grad, has_aux=True)
     def top(p):
-        mast = jc.Beams([[0, 1]], section=BOX, up=(1.0, 0, 0), hinges=hinges, springs=1e4 * p[0])
-        nodes = jnp.asarray(base.nodes).at[2, 0].add(p[1] - 1)
+        springs = 1e4 * p["springs"]
+        mast = jc.Beams([[0, 1]], section=BOX, up=(1.0, 0, 0), hinges=hinges, springs=springs)
+        nodes = jnp.asarray(base.nodes).at[2, 0].add(p["place"] - 1)
         supports = jc.restrained([0], "xyz", "z") + jc.restrained([0], "", "y") + jc.pinned([3])
         elements = {"mast": mast, "guy": base.elements["guy"]}
         structure = jc.Structure(nodes, elements, supports, rigid=[[1, 2]])
-        load = jc.NodalLoads([2], 300.0 * p[2] * jnp.array([3.0, -2.0, 1.0]))
+        load = jc.NodalLoads([2], 300.0 * p["load"] * jnp.array([3.0, -2.0, 1.0]))
         solution = jc.solve(structure, jc.Phase(pretension={"mast": None, "guy": 2e3}, loads=load))
         return jnp.sum(solution.positions[2] * jnp.array([1.0, 2.0, 3.0])), solution.status
 
-    one = jnp.ones(3)
-    (_, code), gradient = top(one)
-    assert int(code) == 0
-    for only in np.eye(3):
-
-        def value(x, only=only):
-            return top(one + only * (x - 1))[0][0]
-
-        rate = gradient @ only
-        assert slope(value, 1.0, rate, 50) == pytest.approx(2, abs=0.1)
-        assert slope(value, 1.0, 1.1 * rate, 50) < 1.5
+    assert_gradient(top, {"springs": 1.0, "place": 1.0, "load": 1.0}, 50.0, corrupted=1.1)
 
 
 # --- joints
@@ -269,7 +250,7 @@ def test_forks_and_joints_in_linear_theory():
     one = np.array([[0.0, 0, 0], [2.0, 0.5, 0.3], [3.0, 2.0, 0.0]])
     count = len(JOINTS)
     nodes = np.concatenate([one + 5.0 * k * UP for k in range(count)])
-    links = np.concatenate([3 * k + chain(2) for k in range(count)])
+    links = np.concatenate([3 * k + pieces(2)[1] for k in range(count)])
     hinges = np.array([(own, FREE) for own, _ in JOINTS.values()]).reshape(-1, 2, 3)
     given = [(np.broadcast_to(springs, (2, 3)), np.zeros((2, 3))) for _, springs in JOINTS.values()]
     springs = np.where(hinges, np.array(given).reshape(-1, 2, 3), 0.0)
@@ -311,9 +292,7 @@ def test_forks_and_joints_in_linear_theory():
 def test_a_hinge_about_one_axis_turns_far():
     """A rigid arm on a door hinge swings by 120 degrees, and does not fall."""
     hinges = np.array([[[False, False, True], [False, False, False]]])
-    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0]])
-    group = jc.Beams([[0, 1]], section=BOX, hinges=hinges)
-    structure = jc.Structure(nodes, group, jc.clamped([0]) + jc.restrained([1], "xy"))
+    structure = beam(1, BOX, 1.0, jc.clamped([0]) + jc.restrained([1], "xy"), hinges=hinges)
     angle = np.radians(120)
     way = [
         jc.Phase(loads=jc.SupportMovement([1], (np.cos(b) - np.cos(a), np.sin(b) - np.sin(a), 0)))
@@ -382,12 +361,12 @@ def test_free_spins_of_phases_are_stacked():
 
 def test_spins_are_found_from_the_geometry():
     """A line of beams that balls and hinges about it hold; not what is bent, held or off it."""
-    line = np.linspace(np.zeros(3), [3.0, 0, 0], 4)
+    line, links = pieces(3, 3.0)
 
     def spins(supports, nodes=line, **options):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", jc.InputWarning)
-            structure = jc.Structure(nodes, jc.Beams(chain(3), section=BOX), supports, **options)
+            structure = jc.Structure(nodes, jc.Beams(links, section=BOX), supports, **options)
         return structure.fixed(supports).spins
 
     ends = jc.pinned([0, 3])
@@ -402,9 +381,8 @@ def test_spins_are_found_from_the_geometry():
 
 
 def test_a_clamp_holds_its_node_and_not_the_beam_beyond_a_hinge():
-    beam = jc.Beams([[0, 1]], section=BOX, hinges=[[True, False]])
     held = jc.clamped([0]) + jc.restrained([1], about="x")
-    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], beam, held)
+    structure = beam(1, BOX, 1.0, held, hinges=[[True, False]])
     of_node, _, beyond = structure.fixed(structure.supports).array
     assert of_node.all() and beyond.tolist() == [True] * 3 + [False] * 3
     again = jc.restrained([1], "xz") + jc.restrained([1], "y", "y")  # one node, named twice

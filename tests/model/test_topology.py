@@ -20,8 +20,7 @@ def net(links=LINKS, kind=jc.Cables, held=(0, 2, 3), nodes=NODES, wrap=None, **n
 
 @pytest.fixture(scope="module")
 def first():
-    solution = converged(jc.solve(net(), jc.Phase(pretension=[500.0, 400.0, 100.0], loads=WEIGHT)))
-    return solution
+    return converged(jc.solve(net(), jc.Phase(pretension=[500.0, 400.0, 100.0], loads=WEIGHT)))
 
 
 REFUSED = {

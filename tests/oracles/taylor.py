@@ -1,8 +1,12 @@
 """Taylor's test of a gradient: with the right one the remainder falls with slope 2, else with 1."""
 
+import functools
 import weakref
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -18,6 +22,49 @@ def slope(value, p, gradient, size=1.0):
     steps = 4e-4 * size * 0.5 ** np.arange(4)
     remainder = [abs(float(value_at(p + h * direction) - f0 - h * rate)) for h in steps]
     return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
+
+
+def assert_gradient(function, p, size=1.0, by=None, corrupted=1.01):
+    """Assert that jax has the gradient of a function, and that the test would see a wrong one.
+
+    Args:
+        function: of `p`, returns a number, or a number and the status of its analysis.
+        p: numbers, or a dict of them, each of which is tested by itself.
+        size: of the steps (`slope`); a dict by names of `p` where some are not 1.
+        by: names of `p` that are tested; without it all.
+        corrupted: what the wrong gradient is multiplied with.
+
+    Returns:
+        The gradient.
+    """
+
+    program = _rated(function)
+    named = isinstance(p, dict)
+    p = {k: jnp.asarray(x, float) for k, x in p.items()} if named else jnp.asarray(p, float)
+    (_, code), gradient = program(p)
+    assert int(code) == jc.status.OK
+    for name in (p if by is None else by) if named else (None,):
+        at, rate = (p[name], gradient[name]) if named else (p, gradient)
+
+        def value(x, name=name):
+            return program({**p, name: x} if named else x)[0][0]
+
+        steps = size.get(name, 1.0) if isinstance(size, dict) else size
+        assert np.isfinite(rate).all() and (np.asarray(rate) != 0).any(), name
+        right, wrong = (slope(value, at, factor * rate, steps) for factor in (1.0, corrupted))
+        assert abs(right - 2) < 0.1 and wrong < 1.5, (name, right, wrong)
+    return gradient
+
+
+@functools.lru_cache(maxsize=2)  # of tests of one function, name by name
+def _rated(function):
+    """Program of number, status and gradient."""
+
+    def number_and_status(p):
+        found = function(p)
+        return found if isinstance(found, tuple) else (found, jc.status.OK)
+
+    return traced(jax.value_and_grad(number_and_status, has_aux=True))
 
 
 _known = weakref.WeakKeyDictionary()

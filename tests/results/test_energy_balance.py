@@ -1,9 +1,12 @@
 """Energy balance: closed forms of each work, and scenes at the order of the increments."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
 import scenes
+from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
 from scipy.optimize import brentq
@@ -19,11 +22,9 @@ def balance_of(structure, phases, method=None):
 
 def line(group, *held_x):
     """Elements along x between nodes 2 m apart, which move along x unless held."""
-    n = len(group.links) + 1
-    nodes = np.column_stack([2.0 * np.arange(n), np.zeros((n, 2))])
-    mask = np.ones((n, 3), bool)
-    mask[[k for k in range(n) if k not in held_x], 0] = False
-    return jc.Structure(nodes, group, jc.Supports(mask))
+    n = len(group.links)
+    held = jc.restrained(range(n + 1), "yz") + jc.restrained(held_x, "x")
+    return jc.Structure(pieces(n, 2.0 * n)[0], group, held)
 
 
 def test_works_in_a_line_of_bars():
@@ -137,9 +138,7 @@ def test_weight_that_slides_works_where_it_goes():
     """A rope with a mass over a pulley, pulled down further: its weight by its centre's fall."""
     nodes = [[0.0, 0, -6.0], [0.0, 0, 0], [0.0, 0, -3.0]]
     rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=2e4, rest_length=9.0, weight=40.0)
-    mask = np.ones((3, 3), bool)
-    mask[0, 2] = False
-    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    structure = jc.Structure(nodes, rope, jc.pinned([1, 2]) + jc.restrained([0], "xy"))
     first = jc.Phase(loads=[jc.NodalLoads([0], (0, 0, -300.0)), jc.SelfWeight()])
     second = jc.Phase(loads=jc.NodalLoads([0], (0, 0, -900.0)), increments=4)
     balance, solution = balance_of(structure, [first, second])
@@ -170,18 +169,14 @@ BENDING = 20e9 * 0.04 * 0.1**3 / 12
 @pytest.mark.parametrize("rolled", [True, False])
 def test_moments_work_on_rotations(rolled):
     """A cantilever of 2 m, rolled up by half a turn, M^2 L / 2 EI, or clamped and turned there."""
-    beams = jc.Beams([[0, 1], [1, 2]], section=SECTION)
     moment, turn = np.pi * BENDING / 2, 1e-3
     if rolled:
         load = jc.NodalLoads([2], (0.0, 0, 0), moments=(0, moment, 0))
     else:
         load = jc.SupportMovement([2], None, rotations=(0, turn, 0))
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    structure = jc.Structure(nodes, beams, jc.clamped([0] if rolled else [0, 2]))
+    structure = beam(2, SECTION, 2.0, jc.clamped([0] if rolled else [0, 2]))
     balance, _ = balance_of(structure, [jc.Phase(loads=load, increments=4)])
-    if (
-        rolled
-    ):  # pieces that bend by a quarter of a turn are shorter than their arcs by a few percent
+    if rolled:  # pieces that bend by a quarter of a turn are a few percent shorter than their arcs
         assert balance.dead[0] == pytest.approx(np.pi * moment / 2, rel=2e-2)
     else:
         assert balance.supports[0] == pytest.approx(4 * BENDING / 2 * turn**2 / 2, rel=1e-5)
@@ -190,10 +185,8 @@ def test_moments_work_on_rotations(rolled):
 
 def test_a_beam_is_bent_within():
     """One element under a line load: q^2 L^5 / 40 EI, of which the nodes see less."""
-    beam = jc.Beams([[0, 1]], section=SECTION)
-    structure = jc.Structure([[0.0, 0, 0], [2.0, 0, 0]], beam, jc.clamped([0]))
     phases = [jc.Phase(loads=jc.LineLoads((0, 0, -10.0)))]
-    balance, _ = balance_of(structure, phases)
+    balance, _ = balance_of(beam(1, SECTION, 2.0), phases)
     # deflections of 3e-4 of the length: quadratic terms of 1e-7
     assert balance.dead[0] == pytest.approx(10.0**2 * 2.0**5 / (40 * BENDING), rel=1e-5)
     assert balance.relative_imbalance[0] < 1e-5
@@ -208,13 +201,11 @@ def area_under(places):
 def test_pressure_does_the_work_of_the_area():
     """p times the area that a pressed cable takes in, held at its pressure: by the shoelace."""
     n, p = 4, 100.0
-    x = np.linspace(0, 4, n + 1)
-    nodes = np.column_stack([x, 0 * x, 0.2 * x * (4 - x)])
-    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    nodes, links = pieces(n, 4.0)
+    nodes[:, 2] = 0.2 * nodes[:, 0] * (4 - nodes[:, 0])
     cables = jc.Cables(links, axial_stiffness=1e5, rest_length=4.8 / n)
-    mask = np.zeros((n + 1, 3), bool)
-    mask[:, 1] = mask[0] = mask[-1] = True
-    structure = jc.Structure(nodes, cables, jc.Supports(mask))
+    held = jc.pinned([0, n]) + jc.restrained(range(1, n), "y")
+    structure = jc.Structure(nodes, cables, held)
     first = jc.Phase(loads=jc.CablePressure(p, (0, -1.0, 0)))
     pull = jc.Phase(loads=jc.NodalLoads([n // 2], (0, 0, 30.0)), increments=8)
     balance, solution = balance_of(structure, [first, pull])
@@ -274,7 +265,7 @@ def assert_of_second_order(coarse, fine, solution, bounds, starts=()):
 
 
 def smooth(name, **arguments):
-    return lambda: scenes.EVERY[name](**arguments)
+    return functools.partial(scenes.EVERY[name], **arguments)
 
 
 STRAND = jc.materials.strand(1860e6, 195e9)
@@ -295,14 +286,10 @@ SCENES = {
     "guyed_mast": (smooth("guyed_mast", levels=1, per_level=2), 16, (2e-5, 4e-4), ()),
     "toggle_frame": (smooth("toggle_frame", n=2, load=20.0), 16, (6e-4,), ()),
 }
-QUICK = ("flat_net", "hypar_net")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in SCENES],
-)
+@pytest.mark.parametrize("name", SCENES)
 def test_imbalance_of_a_scene_is_of_second_order(name):
     """Loads of snapping scenes stay below their limits; beyond, see the test of a snap."""
     make, increments, bounds, starts = SCENES[name]
@@ -326,9 +313,7 @@ def test_a_beam_that_yields_is_of_second_order():
     """Fibres that yield one after the other, and what they dissipate over there and back."""
     law = jc.Polygonal([-0.05, -1e-3, 0, 1e-3, 0.05], [-2.2e8, -2e8, 0, 2e8, 2.2e8], "elastic")
     section = jc.Section.rectangle(0.04, 0.1, law, shape=(2, 8))
-    beams = jc.Beams([[0, 1], [1, 2]], section=section)
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    structure = jc.Structure(nodes, beams, jc.clamped([0]))
+    structure = beam(2, section, 2.0)
     tip = jc.NodalLoads([2], (0.0, 0, -9e3))
     phases = [jc.Phase(loads=own) for own in (tip, tip.scaled(-1.0))]
     balance, twice, _ = two_balances(lambda: (structure, phases), 64)

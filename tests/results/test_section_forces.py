@@ -5,6 +5,8 @@ import operator
 
 import numpy as np
 import pytest
+from banks import shapes
+from banks.shapes import pieces
 from oracles import stiffness_method as oracle
 from oracles.convergence import converged
 
@@ -17,15 +19,11 @@ STIFFNESS = np.asarray(BOX.stiffness())
 PLACES = np.linspace(0.0, 1.0, 9)
 
 
-def chain(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
-
-
 def beam(n, end, supports, section=BOX, **options):
     """A straight beam from the origin to `end` in n elements."""
-    nodes = np.linspace(np.zeros(3), np.asarray(end, float), n + 1)
+    nodes, links = pieces(n, 1.0, end)
     options = {"torsional_stiffness": GJ, "up": (0.0, 0.3, 1.0), **options}
-    return jc.Structure(nodes, jc.Beams(chain(n), section=section, **options), supports)
+    return jc.Structure(nodes, jc.Beams(links, section=section, **options), supports)
 
 
 def hold(node, along="", about=""):
@@ -112,9 +110,7 @@ def test_forces_along_a_beam_in_linear_theory(name, n):
 def test_the_root_of_a_cantilever_in_one_element():
     """6 m under 1 kN/m: 18 kN m at the root, 0 at the tip, and the stress of its fibres."""
     section = jc.Section.rectangle(0.1, 0.2, LAW, (1, 20))
-    structure = jc.Structure(
-        [[0.0, 0, 0], [6.0, 0, 0]], jc.Beams([[0, 1]], section=section), jc.clamped([0])
-    )
+    structure = shapes.beam(1, section, 6.0)
     load = jc.LineLoads((0.0, 0.0, -1.0))  # N/m: linear
     solution = converged(jc.solve(structure, jc.Phase(loads=load)))
     forces = np.asarray(solution.section_forces)[0]
@@ -184,9 +180,7 @@ def cracked(n, force):
         (layers, 2),
     )
     supports = jc.clamped([0]) + jc.restrained(np.arange(1, n + 1), "y", "xz")
-    nodes = np.linspace([0.0, 0, 0], [3.0, 0, 0], n + 1)
-    group = jc.Beams(chain(n), section=section, torsional_stiffness=1e6)
-    structure = jc.Structure(nodes, group, supports)
+    structure = shapes.beam(n, section, 3.0, supports, torsional_stiffness=1e6)
     solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (force, 0.0, -20e3))))
     assert int(solution.status) == 0
     return float(solution.displacement[n, 2])

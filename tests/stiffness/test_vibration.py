@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
 from scenes.frames import in_plane, solid
@@ -24,21 +25,13 @@ LENGTH, WEIGHT, EA = 10.0, 5.0, 1e7
 MASS = WEIGHT / 9.80665  # kg/m
 
 
-def chain(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
-
-
-def straight(n, length, elements, supports):
-    nodes = np.column_stack([np.linspace(0, length, n + 1), np.zeros((n + 1, 2))])
-    return jc.Structure(nodes, elements, supports=supports)
-
-
 def string(n, pretension=1000.0, plane=False):
-    cables = jc.Cables(chain(n), axial_stiffness=EA, weight=WEIGHT)
+    nodes, links = pieces(n, LENGTH)
+    cables = jc.Cables(links, axial_stiffness=EA, weight=WEIGHT)
     supports = jc.pinned([0, n])
     if plane:
         supports = supports + jc.restrained(range(1, n), "y")
-    structure = straight(n, LENGTH, cables, supports)
+    structure = jc.Structure(nodes, cables, supports)
     solution = jc.solve(structure, [jc.Phase(pretension=pretension)])
     assert isinstance(solution.status, jax.core.Tracer) or int(solution.status) == 0
     return structure, solution
@@ -122,10 +115,8 @@ def cantilever(law, points=4, ei=2100.0, weight=77.0, n=1):
     """Slowest mode of a beam of 4 m in its plane, clamped at one end, squared, 1/s2."""
     side = (12 * ei / 210e9) ** 0.25
     section = jc.Section.rectangle(side, side, law)
-    beams = jc.Beams(
-        chain(n), section=section, torsional_stiffness=1e5, weight=weight, points=points
-    )
-    structure = straight(n, 4.0, beams, in_plane(n + 1, clamped=[0]))
+    numbers = {"torsional_stiffness": 1e5, "weight": weight, "points": points}
+    structure = beam(n, section, 4.0, in_plane(n + 1, clamped=[0]), **numbers)
     solution = converged(jc.solve(structure, jc.Phase()))
     return float(frequencies(structure, solution, n=1).squared[0])
 
@@ -215,8 +206,8 @@ def test_order_of_the_masses_of_beams():
     def slowest(n, distribution, number, *held):
         """Of a beam whose ends are clamped in the analysis, and held by (nodes, freedoms) now."""
         section = solid(ea / 210e9, ei / 210e9, 210e9)
-        beams = jc.Beams(chain(n), section=section, torsional_stiffness=1e5, weight=weight)
-        structure = straight(n, length, beams, in_plane(n + 1, clamped=[0, n]))
+        held, numbers = in_plane(n + 1, clamped=[0, n]), {"torsional_stiffness": 1e5}
+        structure = beam(n, section, length, held, weight=weight, **numbers)
         solution = converged(jc.solve(structure, jc.Phase()))
         fixed = np.zeros((n + 1, 6), bool)
         fixed[:, [1, 3, 5]] = True
