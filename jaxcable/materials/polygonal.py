@@ -300,7 +300,9 @@ class Polygonal(Law):
         backward = jnp.where(
             (corners < 0) & (e <= corners) & self._has_compression, e - corners, 0.0
         )
-        behind = jnp.where(self._has_compression, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
+        behind = jnp.where(
+            self._has_compression, jnp.take(slopes, jnp.sum(self.strain[1:-1] < 0)), 0.0
+        )
         initial = jnp.where(strain >= 0, self.modulus, behind)
         return initial, broadcast_on_last_axis(jnp.diff(slopes), e), forward, backward
 
