@@ -11,10 +11,11 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common import checks as arguments
 from ..common import status
-from ..common.tree import pytree
+from ..common.tree import apply_numpy_or_jax, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
+from ..programs.traced_function import evaluate_at_once
 from .cable_checks import CableResistance, CableSafety, CableService
 from .check import UTILIZATION, Check, input_with_unit
 from .combinations import Combinations
@@ -71,7 +72,7 @@ class CheckResult:
     @property
     def largest(self) -> Float[Array, ""]:
         """Largest utilization of all items, -; NaN if an item has none."""
-        return jnp.max(self.utilization)
+        return apply_numpy_or_jax(lambda xp, used: xp.max(used), self.utilization)
 
 
 @pytree(static=("names", "not_made"))
@@ -121,7 +122,8 @@ breaking strength
     @property
     def largest(self) -> Float[Array, ""]:
         """Largest utilization of all checks, -; NaN if an item has none. Differentiable."""
-        return jnp.max(jnp.stack([one.largest for one in self.results]))
+        of_each = [one.largest for one in self.results]
+        return apply_numpy_or_jax(lambda xp, *used: xp.max(xp.stack(used)), *of_each)
 
     @property
     def failed(self) -> dict[str, int]:
@@ -247,7 +249,9 @@ EN 1993-1-11:2006, 7.2
     if len(names) != count or len(set(names)) < count:
         raise ValueError(f"names: expected {count} different ones, one for each case")
     made, not_made = _list_of_checks(rules, combinations)
-    results = [_result_of_check(one, structure, solutions, combinations) for one in made]
+    counted = [_counted_cases(one, combinations, count) for one in made]
+    values = _values_of_checks(made, counted, structure, solutions)
+    results = [_result_of_check(*one, structure) for one in zip(made, counted, values, strict=True)]
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
@@ -318,21 +322,43 @@ def _counted_cases(check, combinations, count):
     return found
 
 
-def _result_of_check(check, structure, solutions, combinations):
-    """Return the `CheckResult` of one check."""
-    counted = _counted_cases(check, combinations, len(solutions.status))
-    chosen = solutions
-    if len(counted) < len(solutions.status):
-        chosen = jax.tree.map(lambda x: jnp.asarray(x)[counted], solutions)
-    order: list[str] = []  # transformations sort the keys of a dict
+def _values_of_checks(made, counted, structure, solutions):
+    """Return for each check its terms by name, indices of cases, and utilizations of all cases.
 
-    def terms_of_case(solution):
-        found = check.terms(structure, solution)
-        order[:] = found
+    `counted` are the indices of the cases that count, [n_counted], for each check.
+    """
+    orders: list[list[str]] = []  # transformations sort the keys of a dict
+
+    def values(solutions):
+        found = []
+        for check, cases in zip(made, counted, strict=True):
+            order: list[str] = []
+
+            def terms_of_case(solution, check=check, order=order):
+                terms = check.terms(structure, solution)
+                order[:] = terms
+                return terms
+
+            chosen = jax.tree.map(lambda x, cases=cases: jnp.asarray(x)[cases], solutions)
+            terms = values_of_cases(terms_of_case, chosen)
+            governing, which, second = check.over_cases({name: terms[name] for name in order})
+            orders.append(list(governing))
+            index = jnp.asarray(cases)
+            places = index[which], None if second is None else index[second]
+            found.append((list(governing.values()), places, terms[UTILIZATION]))
         return found
 
-    terms = values_of_cases(terms_of_case, chosen)
-    found, which, second = check.over_cases({name: terms[name] for name in order})
+    found = evaluate_at_once(values, solutions)
+    orders = orders[-len(made) :]  # of the last time that it was traced
+    return [
+        (dict(zip(order, terms, strict=True)), places, every)
+        for order, (terms, places, every) in zip(orders, found, strict=True)
+    ]
+
+
+def _result_of_check(check, counted, values, structure):
+    """Return the `CheckResult` of one check from its values of `_values_of_checks`."""
+    found, (which, second), every = values
     used = found.pop(UTILIZATION)
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):
@@ -341,14 +367,13 @@ def _result_of_check(check, structure, solutions, combinations):
     if left_out:
         arguments.warn_user(f"{check.name}: not checked: {left_out}")
     inputs = tuple(input_with_unit(name, value) for name, value in check.inputs().items())
-    index = jnp.asarray(counted)
     return CheckResult(
         used,
-        index[which],
-        None if second is None else index[second],
+        which,
+        second,
         found,
-        terms[UTILIZATION],
-        index,
+        every,
+        jnp.asarray(counted),
         check.name,
         tuple(check.of),
         check.clause,

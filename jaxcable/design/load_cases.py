@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, overload
 
@@ -14,7 +15,7 @@ from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
-from ..common.tree import pytree
+from ..common.tree import apply_numpy_or_jax, pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -279,7 +280,7 @@ def utilization(
         if force is None:  # a group without axial forces
             found.append(None)
             continue
-        force = jnp.asarray(checks.as_floats(force, f"tension: group {len(found)}"))
+        force = checks.as_floats(force, f"tension: group {len(found)}")
         if force.shape[-1:] != (len(group.links),):
             raise ValueError(
                 f"tension: group {len(found)} has {len(group.links)} elements, the forces have "
@@ -289,10 +290,18 @@ def utilization(
         if limit is None and group.has_rupture:
             low, high = group.capacity()
             limit = jnp.where(force < 0, -low, high)
-        size = force if group.tension_only else jnp.abs(force)
-        found.append(None if limit is None else size / jnp.broadcast_to(limit, force.shape))
+        if limit is None:
+            found.append(None)
+            continue
+        ratio = functools.partial(_ratio_to_limit, absolute=not group.tension_only)
+        found.append(apply_numpy_or_jax(ratio, jnp.asarray(force), limit))
     if all(f is None for f in found):
         raise ValueError(
             "strength: no group has one; give strength=..., N, or a law with a rupture strain"
         )
     return structure.arrange(found)
+
+
+def _ratio_to_limit(xp, force, limit, absolute):
+    """Return forces over their limits, [..., n_elem]; their sizes if `absolute`."""
+    return (xp.abs(force) if absolute else force) / xp.broadcast_to(limit, force.shape)

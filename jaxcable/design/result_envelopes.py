@@ -16,6 +16,7 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Bending, Sagging
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
+from ..programs.traced_function import evaluate_at_once
 from ..results import fibre_stress, rotation_vectors, sags, section_forces
 
 _SECTION_FORCES = "N", "Vy", "Vz", "T", "My", "Mz"
@@ -153,12 +154,14 @@ def result_envelope(
             found[name] = function(solution)
         return found
 
-    values = values_of_cases(of_one, solutions)
-    low_case, high_case = (
-        jax.tree.map(lambda x, sign=sign: extreme_cases(x, sign), values) for sign in (-1, 1)
-    )
-    low, high = (jax.tree.map(_values_in_cases, values, which) for which in (low_case, high_case))
-    return ResultEnvelope(low, high, low_case, high_case, values, solutions.status, tuple(names))
+    def extremes(solutions):
+        values = values_of_cases(of_one, solutions)
+        cases = [jax.tree.map(lambda x, s=s: extreme_cases(x, s), values) for s in (-1, 1)]
+        ends = [jax.tree.map(_values_in_cases, values, which) for which in cases]
+        return *ends, *cases, values
+
+    found = evaluate_at_once(extremes, solutions)
+    return ResultEnvelope(*found, solutions.status, tuple(names))
 
 
 def _where_active(values, present):

@@ -34,6 +34,7 @@ from ..common.tree import (
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..numerics.vectors import scalar_product
+from ..programs.program_calls import as_program
 from ..sections import LinearSection, Section
 from ..sections.section import section_hint
 from . import bending
@@ -293,12 +294,8 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
              [-1.  0.  0.]
              [ 0.  0.  1.]]
         """
-        ends = jnp.asarray(nodes)[jnp.asarray(self.links.array)[:, :2]]
-
-        def one(up, ends):
-            return copy_with(self, up=up).axes(ends)
-
-        return jax.vmap(one)(self.up, ends)
+        xp = checks.numpy_or_jax(nodes)
+        return _axes_of_elements(self.up, xp.asarray(nodes)[self.links.array[:, :2]])
 
     def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """Return the group with `up` given, so that its axes stay those at initial positions, m."""
@@ -349,18 +346,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Return the initial axes of one element in rows: along it, the section's y and z."""
-        chord = ends[1] - ends[0]
-        along = chord / jnp.sqrt(scalar_product(chord, chord))
-        if self.up is None:
-            upright = along[0] ** 2 + along[1] ** 2 < VERTICAL_SINE**2
-            up: Float[ArrayLike, " 3"] = jnp.where(
-                upright, *jnp.eye(3, dtype=along.dtype)[jnp.array([0, 2])]
-            )
-        else:
-            up = self.up
-        z = up - scalar_product(up, along) * along
-        z = z / jnp.sqrt(scalar_product(z, z))
-        return jnp.stack([along, cross(z, along), z])
+        return _axes(self.up, ends)
 
     def end_slopes_and_axes(
         self, state: AxialState, ends: Ends, motion: Motion
@@ -393,3 +379,21 @@ def _torsion_rule(springs, hinges):
         )
 
     return Rule("springs", (springs, hinges), broken, text)
+
+
+def _axes(up, ends):
+    """Return the axes of a beam with its z towards `up` [3], or upwards if it is None, [3, 3]."""
+    chord = ends[1] - ends[0]
+    along = chord / jnp.sqrt(scalar_product(chord, chord))
+    if up is None:
+        upright = along[0] ** 2 + along[1] ** 2 < VERTICAL_SINE**2
+        up = jnp.where(upright, *jnp.eye(3, dtype=along.dtype)[jnp.array([0, 2])])
+    z = up - scalar_product(up, along) * along
+    z = z / jnp.sqrt(scalar_product(z, z))
+    return jnp.stack([along, cross(z, along), z])
+
+
+@as_program
+def _axes_of_elements(up, ends):
+    """Return `_axes` of all elements, [n_elem, 3, 3]; a program."""
+    return jax.vmap(_axes)(up, ends)

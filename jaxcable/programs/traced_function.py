@@ -125,6 +125,13 @@ def _own_constants(program):
                 x.val = x.val.copy()
 
 
+def evaluate_at_once(
+    function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
+) -> PyTree[Array]:
+    """Return ``function(*arguments)`` by one program, in place of one for each operation in it."""
+    return evaluate_traced(trace_function(function, *arguments), *arguments)
+
+
 @as_program
 def evaluate_traced(function: TracedFunction, *arguments: PyTree[Any]) -> PyTree[Array]:
     """Return ``function(*arguments)``, by a program."""

@@ -115,9 +115,10 @@ def cable_fatigue_strength(
     if isinstance(category, str):
         checks.require_one_of(category, "category", list(FATIGUE_CATEGORIES))
         category = FATIGUE_CATEGORIES[category]
-    ratio = _REFERENCE_CYCLES / jnp.asarray(_positive(cycles, "cycles"))
-    first, second = _SLOPES
-    return _positive(category, "category") * ratio ** jnp.where(ratio >= 1, 1 / first, 1 / second)
+    (first, second), cycles = _SLOPES, _positive(cycles, "cycles")
+    xp = checks.numpy_or_jax(cycles)
+    ratio = _REFERENCE_CYCLES / xp.asarray(cycles)
+    return _positive(category, "category") * ratio ** xp.where(ratio >= 1, 1 / first, 1 / second)
 
 
 def _positive(value, name):
