@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import checks
@@ -273,7 +272,7 @@ class CableFatigue(_OnCables):
     def __post_init__(self):
         super().__post_init__()
         cable_fatigue_strength(self.category, self.cycles)
-        doubt("category", self.category, 1e6, np.inf, "is the range in Pa?")
+        doubt("category", self.category, 1e6, 2e9, "is the range in Pa?")
         doubt("area", self.area, 0.0, 1.0, "is the area in m2?")
 
     def is_meant_for(self, group: Element) -> bool:

@@ -56,7 +56,7 @@ class _OnMembers(OnElements):
                 'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
-        doubt("yield_strength", self.yield_strength, 1e6, np.inf, "is it in Pa?")
+        doubt("yield_strength", self.yield_strength, 1e7, 3e9, "is it in Pa?")
         section = steel_section(self.profile, self.section_class)
         if isinstance(self.profile, Mapping):
             object.__setattr__(self, "profile", section)
@@ -255,7 +255,7 @@ class MemberBuckling(_OnMembers):
             if not (lengths > 0).all():
                 raise ValueError(f"lengths = {self.lengths}: expected positive lengths, m")
             object.__setattr__(self, "lengths", tuple(lengths.tolist()))
-        doubt("youngs_modulus", self.youngs_modulus, 1e9, np.inf, "is it in Pa?")
+        doubt("youngs_modulus", self.youngs_modulus, 1e9, 1e12, "is it in Pa?")
         if self.reference is not None and self.factors is None:
             raise ValueError("reference: belongs to factors, which are missing")
 

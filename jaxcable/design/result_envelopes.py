@@ -158,10 +158,10 @@ def result_envelope(
         values = values_of_cases(of_one, solutions)
         cases = [jax.tree.map(lambda x, s=s: extreme_cases(x, s), values) for s in (-1, 1)]
         ends = [jax.tree.map(_values_in_cases, values, which) for which in cases]
-        return *ends, *cases, values
+        return ends, cases, values
 
-    found = evaluate_at_once(extremes, solutions)
-    return ResultEnvelope(*found, solutions.status, tuple(names))
+    (low, high), (low_case, high_case), values = evaluate_at_once(extremes, solutions)
+    return ResultEnvelope(low, high, low_case, high_case, values, solutions.status, tuple(names))
 
 
 def _where_active(values, present):

@@ -137,7 +137,8 @@ class Train(OnPath):
 
     The position is a number of the analysis: `jax.vmap` over positions is one program, derivatives
     by it exist (where an axle is at a node they are those of the element beyond it). Axles beyond
-    the ends of the path do not act.
+    the ends of the path do not act. The same vehicle the other way round is another train, with
+    forces and spacings in the opposite order.
 
     Args:
         path: numbers of the elements of one group of beams, in the order in which they are passed,

@@ -70,15 +70,20 @@ def warn_if_unstable(solution: Any) -> None:
     if isinstance(solution.stable, jax.core.Tracer):
         return
     codes, each_stable = map(np.asarray, solution.phases.status_and_stability)
-    for number, (code, stable) in enumerate(zip(codes, each_stable, strict=True)):
-        if int(code) == status.OK and not bool(stable):
-            checks.warn_user(
-                f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: pushed "
-                "aside, the structure does not come back; its tangent stiffness has an eigenvalue "
-                "below zero, or of zero where a part turns or moves freely; trace_path shows the "
-                "load factor at which it became unstable",
-                checks.UnstableWarning,
-            )
+    found = np.flatnonzero((codes == status.OK) & ~each_stable).tolist()
+    if not found:
+        return
+    several = len(found) > 1
+    which = ", ".join(f"phases[{number}]" for number in found)
+    numbers = ", ".join(str(number + 1) for number in found)
+    checks.warn_user(
+        f"{'phases' if several else 'phase'} {numbers} ({which}) {'end' if several else 'ends'} in "
+        "an unstable equilibrium: pushed aside, the structure does not come back; its tangent "
+        "stiffness has an eigenvalue below zero (trace_path shows the load factor at which that "
+        "began), or of zero where a part turns or moves freely; stiffness.modes(structure, "
+        "solution, n=1).shapes shows what moves",
+        checks.UnstableWarning,
+    )
 
 
 def largest_movement(solution: Any) -> tuple[int, float, float]:

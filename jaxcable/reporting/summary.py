@@ -67,6 +67,10 @@ def _phase_sentence(structure, last, head, phase):
         slack = f"{count or 'no'} slack cable{'s' * (count != 1)}"
         if any(group.compression_only for group in structure.groups):
             slack = f"{count or 'no'} slack cables or open contacts"
+        loose = int(np.asarray(path.n_loose)[k])
+        if loose > 0:
+            nodes, have = ("node", "has") if loose == 1 else ("nodes", "have")
+            slack += f", {loose} {nodes} that nothing else holds and that {have} no definite place"
         relative = float(np.asarray(path.relative_residual)[k])
         residual, rounding = np.asarray(path.residual)[k], np.asarray(path.rounding)[k]
         by_rounding = relative > _TOLERANCE and bool(residual <= rounding)

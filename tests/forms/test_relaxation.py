@@ -140,7 +140,7 @@ def test_transformations():
 def test_failures_are_statuses():
     away = dynamic_relaxation(LINKS, 10.0, loads=down(500.0))
     assert int(away.status) == jc.status.MECHANISM
-    with pytest.raises(jc.AnalysisError, match="moves without limit"):
+    with pytest.raises(jc.AnalysisError, match="move nodes without limit"):
         jc.raise_if_failed(away)
     early = dynamic_relaxation(LINKS, 10.0, loads=down(5.0), max_steps=3)
     assert int(early.status) == jc.status.OUT_OF_TIME_STEPS and int(early.iterations) == 3

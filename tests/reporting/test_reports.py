@@ -140,6 +140,7 @@ def test_slack_cables_and_loose_nodes(net, told):
     found = converged(jc.report(hung, jc.solve(hung, jc.Phase())))
     assert found.tables["slack"].rows == [["", 0, "phase 1"], ["", 1, "phase 1"]]
     assert found.tables["loose"].rows == [[1, "phase 1"]]
+    assert any("1 node that nothing else holds" in line for line in found.summary)
     assert found.tables["members"].notes == ("no group has a strength: no utilization",)
 
 

@@ -191,7 +191,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     assert by_use.value[0] == peak / STRENGTH
     assert by_tension.value[0] == mean  # colored by tension it is the mean
     told = {"tension": solution.tension}
-    used = ElementForces(told, structure.groups, structure, "utilization").value[0]
+    used = ElementForces(told, solution.last.topology.parts, structure, "utilization").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
     assert describe_largest_values(solution)[1] == f"final axial forces: -100000 to {peak:.6g} N"
