@@ -17,6 +17,9 @@ A net is prestressed, then loaded:
 -0.012838093 m
 """
 
+import importlib as _importlib
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+
 from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before jax, which loads for seconds
 from . import (
     catalogue,
@@ -27,7 +30,6 @@ from . import (
     loads,
     materials,
     paths,
-    plots,
     reliability,
     reporting,
     results,
@@ -94,6 +96,10 @@ from .sections import Section
 from .studies.study import study
 
 __version__ = "0.2.0.dev0"
+
+if _TYPE_CHECKING:
+    from . import plots
+
 
 __all__ = [
     "AnalysisError",
@@ -179,3 +185,10 @@ __all__ = [
     "study",
     "trace_path",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Import `plots` when it is first used: matplotlib is slow to import."""
+    if name == "plots":
+        return _importlib.import_module(".plots", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

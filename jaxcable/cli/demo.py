@@ -8,7 +8,7 @@ from argparse import Namespace
 import jax
 import numpy as np
 
-from .. import plots, scenes
+from .. import scenes
 from ..analysis import solver
 from ..common import status
 from ..scenes import hypar
@@ -64,5 +64,7 @@ def run(options: Namespace) -> None:
         "The plan of this net is not published; it was identified from these deflections, so the "
         "agreement is no validation."
     )
+    from .. import plots  # slow to import: matplotlib
+
     outputs.save_picture(plots.net(solution, magnify=5.0), picture)
     print(f"\npicture   {picture}")

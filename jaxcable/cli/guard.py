@@ -17,8 +17,8 @@ from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
 from ..common.interrupt import exit_interrupted
 from ..common.status import AnalysisError
+from ..common.writing import MADE_BY
 from ..files import FileError
-from ..plots.style import MADE_BY
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 _HEAD = 4096  # bytes in which files say what has made them

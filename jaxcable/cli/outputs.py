@@ -7,8 +7,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from ..analysis.solution import Solution
 from ..common.status import (
@@ -24,7 +23,6 @@ from ..common.status import (
 from ..common.units import Units
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..model.structure import Structure
-from ..plots import style
 from ..reporting.result_report import SUFFIXES
 from .guard import (
     FAILED,
@@ -34,6 +32,9 @@ from .guard import (
     require_own_file,
     require_writable,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURES = (".png", ".pdf", ".svg")
 RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
@@ -119,6 +120,8 @@ def check_output_file(
 
 def save_picture(figure: Figure, path: str) -> None:
     """Save a figure in the format of the suffix, with 130 pixels per inch."""
+    from ..plots import style  # slow to import: matplotlib
+
     style.save_figure(figure, path, dpi=130)
 
 

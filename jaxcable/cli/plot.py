@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
-from .. import plots
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.units import Units
@@ -16,12 +14,17 @@ from . import file_names, inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
 from .solving import solve_and_show
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 _MODEL = "model"
 """What `--of` names for a picture of the structure before any analysis."""
 
 
 def run(options: Namespace) -> int | None:
     """Analyse the scene that options name and draw it; return 1 if the analysis fails."""
+    from .. import plots  # slow to import: matplotlib
+
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
         if (diagram or options.of == _MODEL) and getattr(options, name):

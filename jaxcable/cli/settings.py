@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 
 import jax
-import matplotlib
 
 _PRECISION = "jax_enable_x64"
 
@@ -20,7 +20,8 @@ def command_settings(whole_process: bool) -> Iterator[None]:
             display.
     """
     if whole_process:
-        matplotlib.use("Agg")  # pictures go to files; no display is needed
+        # pictures go to files; no display is needed, and matplotlib is imported where one is drawn
+        os.environ["MPLBACKEND"] = "Agg"
     double = getattr(jax.config, _PRECISION)
     jax.config.update(_PRECISION, True)
     try:

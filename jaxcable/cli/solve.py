@@ -6,7 +6,6 @@ from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
-from .. import plots
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.units import Units
@@ -118,6 +117,8 @@ def _write_files(options, structure, solution, findings, cases, combinations):
         wrote += outputs.save_solution(path, structure, solution, findings.units)
     if options.plot is not None:
         if int(solution.status) == status.OK:
+            from .. import plots  # slow to import: matplotlib
+
             figure = plots.net(solution, structure=structure, units=findings.units)
             outputs.save_picture(figure, options.plot)
             wrote.append(options.plot)
@@ -130,6 +131,8 @@ def _pictures_for_report(path, structure, solution, findings, cases, combination
     """Return the pictures of a report by their captions, of a format that shows them."""
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
+    from .. import plots  # slow to import: matplotlib
+
     names = None if combinations is None else combinations.names
     return plots.for_report(structure, solution, cases=cases, names=names, units=findings.units)
 

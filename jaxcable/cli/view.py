@@ -6,13 +6,14 @@ import webbrowser
 from argparse import Namespace
 from pathlib import Path
 
-from .. import plots
 from . import file_names, outputs
 from .solving import solve_and_show
 
 
 def run(options: Namespace) -> int | None:
     """Analyse a scene, write its interactive page, and open it; return 1 if the analysis fails."""
+    from .. import plots  # slow to import: matplotlib
+
     usual = file_names.path_beside(options.scene, ".html").name
     out = outputs.check_output_file(
         options.save, outputs.PAGES, usual=usual, inputs=[options.scene]

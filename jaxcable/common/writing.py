@@ -21,6 +21,9 @@ import numpy as np
 
 from .interrupt import UNFINISHED_FILES
 
+MADE_BY = "jaxcable (matplotlib)"
+"""What pictures say of themselves in their metadata."""
+
 
 @contextlib.contextmanager
 def atomic_write(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy import optimize, sparse
+import scipy  # its parts are imported where they are first used
 
 from .trials import RunEnded, ScaledProblem
 
@@ -38,13 +38,13 @@ def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
 
     def jacobian(y):
         # SciPy adds slack variables: a dense Jacobian would be factorized for seconds a step
-        return sparse.csr_matrix(problem.jacobian(y))
+        return scipy.sparse.csr_matrix(problem.jacobian(y))
 
     with warnings.catch_warnings():
         # SciPy warns of gradients that have not changed, and leaves them out of its update
         warnings.filterwarnings("ignore", "delta_grad == 0.0")
         options = {"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol}
-        _call_scipy(problem, "trust-constr", jacobian, options, hess=optimize.BFGS())
+        _call_scipy(problem, "trust-constr", jacobian, options, hess=scipy.optimize.BFGS())
 
 
 def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) -> None:
@@ -52,14 +52,14 @@ def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) 
 
     `method`, `options` and `more` are arguments of it; `jacobian` is that of the constraints.
     """
-    limits = optimize.NonlinearConstraint(
-        problem.constraints, -np.inf, 0.0, jac=jacobian, hess=optimize.BFGS()
+    limits = scipy.optimize.NonlinearConstraint(
+        problem.constraints, -np.inf, 0.0, jac=jacobian, hess=scipy.optimize.BFGS()
     )
-    optimize.minimize(
+    scipy.optimize.minimize(
         problem.loss,
         problem.start,
         jac=problem.gradient,
-        bounds=optimize.Bounds(problem.lower, problem.upper),
+        bounds=scipy.optimize.Bounds(problem.lower, problem.upper),
         constraints=[limits] if len(problem.reached.constraints) else [],
         method=method,
         options=options,

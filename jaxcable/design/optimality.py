@@ -7,7 +7,7 @@ conditions are of first order: minima meet them, and so do saddle points and max
 from __future__ import annotations
 
 import numpy as np
-from scipy import optimize
+import scipy  # its parts are imported where they are first used
 
 from ..common.types import Float
 from .trials import TrialPoint
@@ -54,7 +54,7 @@ def solve_kkt_conditions(
         target = np.concatenate([-gradient / largest, np.zeros(len(near))])
         try:
             force[near] = (
-                largest * optimize.nnls(matrix, target, maxiter=_ITERATIONS * len(near))[0]
+                largest * scipy.optimize.nnls(matrix, target, maxiter=_ITERATIONS * len(near))[0]
             )
         except RuntimeError:  # it has not ended
             return np.full(m, np.nan), np.inf

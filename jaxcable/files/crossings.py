@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are imported where they are first used
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..common.types import Bool, Float, Int
 
@@ -95,7 +95,7 @@ def find_nodes_on_links(
     tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
     used = np.unique(links)
     reach = tolerance + share * float(length.max())
-    found = cKDTree(nodes[used, :2]).sparse_distance_matrix(
+    found = scipy.spatial.cKDTree(nodes[used, :2]).sparse_distance_matrix(
         tree, 0.5 * step + reach, output_type="ndarray"
     )
     pairs = _unique_pairs(owner[found["j"]], used[found["i"]], len(nodes))
@@ -223,7 +223,7 @@ def _tree_of_link_pieces(plan, links):
     owner = np.repeat(np.arange(len(links)), count)
     number = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
     middles = first[owner] + ((number + 0.5) / count[owner])[:, None] * way[owner]
-    return cKDTree(middles), owner, step
+    return scipy.spatial.cKDTree(middles), owner, step
 
 
 def _unique_pairs(first, second, count):
@@ -256,7 +256,7 @@ def _merge_crossings(places, pairs, tolerance):
     """
     if not len(places):
         return np.zeros(0, int)
-    near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
+    near = scipy.spatial.cKDTree(places).query_pairs(tolerance, output_type="ndarray")
     alike = (pairs[near[:, 0], :, None] == pairs[near[:, 1], None]).any(axis=(1, 2))
     i, j = near[alike].T
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(places),) * 2)

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # its parts are imported where they are first used
 
 from ..common.compilation import without_garbage_collection
 from ..common.units import UnitsLike
@@ -280,7 +280,9 @@ def _net_of_entities(entities, metres, tolerance, supports, table):
     net = net_from_polylines(metres * np.array(places, float), lines, tolerance, table, "link")
     distance, node = np.array([]), np.array([], int)
     if marks:
-        distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
+        distance, node = scipy.spatial.cKDTree(net.nodes).query(
+            metres * np.array([p for *_, p in marks])
+        )
     on: dict[str, set[int]] = {}
     fixed = net.fixed.copy()
     held = [supports in ("*", layer) for _, layer, _ in marks]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # its parts are imported where they are first used
 
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float, Int
@@ -50,7 +50,7 @@ def near_node_pairs(
     _, shortest = link_lengths(nodes, links)
     if len(nodes) < 2:
         return np.zeros((0, 2), int), np.zeros(0)
-    distances, others = map(np.asarray, cKDTree(nodes).query(nodes, k=2))
+    distances, others = map(np.asarray, scipy.spatial.cKDTree(nodes).query(nodes, k=2))
     every = np.arange(len(nodes))
     second = others[:, 1] == every  # of nodes at one place either may come first
     other = np.where(second, others[:, 0], others[:, 1])

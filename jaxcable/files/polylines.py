@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are imported where they are first used
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..common.types import Float
 from .nets import Net
@@ -88,7 +88,7 @@ def net_from_polylines(
 def _merge_points(places, tolerance):
     """Return the node of each point, [n_point]; points within `tolerance`, m, become one node."""
     distinct, which = np.unique(places, axis=0, return_inverse=True)
-    tree = cKDTree(distinct)
+    tree = scipy.spatial.cKDTree(distinct)
     if tree.count_neighbors(tree, tolerance) > _MOST_NEIGHBORS * len(distinct):
         raise FileError(f"too many points closer than {tolerance} m; is the scale right?")
     pairs = tree.query_pairs(tolerance, output_type="ndarray")

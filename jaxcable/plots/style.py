@@ -18,10 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from ..common.units import Units
-from ..common.writing import atomic_write
-
-MADE_BY = "jaxcable (matplotlib)"
-"""What pictures say of themselves in their metadata."""
+from ..common.writing import MADE_BY, atomic_write
 
 SIZE = 9.5
 """Size of all text, in points: 6 or more when a picture is printed 10 cm wide."""

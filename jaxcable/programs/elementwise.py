@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import special
+import scipy  # its parts are imported where they are first used
 
 from .block import Block, Value
 from .rules import NoRuleError, numpy_dtype, rule
@@ -27,8 +27,8 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{f: f"np.{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
     **{f: f"np.{f}({{0}})" for f in ("exp", "exp2", "expm1", "log", "log1p", "log2")},
     **{f"a{f}": f"np.arc{f}({{0}})" for f in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{f: f"special.{f}({{0}})" for f in ("erf", "erfc")},
-    **{"erf_inv": "special.erfinv({0})", "lgamma": "special.gammaln({0})"},
+    **{f: f"scipy.special.{f}({{0}})" for f in ("erf", "erfc")},
+    **{"erf_inv": "scipy.special.erfinv({0})", "lgamma": "scipy.special.gammaln({0})"},
     **{"logistic": "1/(1+np.exp(-{0}))", "atan2": "np.arctan2({0},{1})"},
     **{"add": "{0}+{1}", "add_any": "{0}+{1}", "sub": "{0}-{1}", "mul": "{0}*{1}"},
     **{"max": "np.maximum({0},{1})", "min": "np.minimum({0},{1})"},
@@ -37,7 +37,9 @@ _TEMPLATES = {  # {0}, {1}, ... are the operands
     **{"gt": "{0}>{1}", "ge": "{0}>={1}", "nextafter": "np.nextafter({0},{1})"},
     **{"clamp": "np.minimum(np.maximum({1},{0}),{2})"},
 }
-FUNCTIONS = {"np": np, "special": special}
+
+
+FUNCTIONS = {"np": np, "scipy": scipy}
 _MOST_CASES = 64  # among which `np.choose` can choose
 
 

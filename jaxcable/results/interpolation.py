@@ -8,8 +8,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy  # its parts are imported where they are first used
 from numpy.polynomial.legendre import legder, legvander
-from scipy.interpolate import CubicHermiteSpline
 
 from ..common.types import Array, Float
 from ..elements.bending import gauss_lobatto
@@ -40,7 +40,7 @@ def interpolation_matrices(
     if count > _MOST_POINTS:
         values = np.eye(count, (2 if sloped else 1) * count)
         slopes = np.eye(count, 2 * count, count) if sloped else np.gradient(values, points, axis=0)
-        spline = CubicHermiteSpline(points, values, slopes)
+        spline = scipy.interpolate.CubicHermiteSpline(points, values, slopes)
         return spline(places).T, spline(places, 1).T
     degree = (2 if sloped else 1) * count - 1
     change = 2 * legder(np.eye(degree + 1))  # slope of every polynomial, on 0 to 1
