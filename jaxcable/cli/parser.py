@@ -31,7 +31,10 @@ from .option_values import parse_positive, whole_number_up_to
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
 
-_STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
+_STATUS = (
+    "exit status: 0 done, 1 the analysis failed, 2 bad input, 3 checks not passed,\n"
+    "130 interrupted (Ctrl-C)"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

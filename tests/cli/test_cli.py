@@ -505,7 +505,7 @@ def test_help_has_an_example_that_parses(name, capsys):
     (example,) = [line for line in out.splitlines() if line.startswith("example: jaxcable ")]
     options = parser().parse_args(example.split()[2:])
     assert options.command == (name or "solve")
-    assert "exit status: 0 done, 1 the analysis failed, 2 bad input" in out
+    assert "exit status: 0 done, 1 the analysis failed, 2 bad input, 3 checks not passed" in out
 
 
 # --- quiet, and progress

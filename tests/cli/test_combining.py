@@ -109,8 +109,9 @@ def test_checks_without_combinations_are_those_of_the_end(folder, capsys):
     names = {"lift": PHASES[0], "load": jc.Phase(loads=LOAD)}
     taut = jc.design.TensionLimit(lower=1e6)
     jc.save_scene("end.json", (STRUCTURE, names), checks=[taut])
-    assert command("solve end.json") == 0
-    told = capsys.readouterr().out
+    assert command("solve end.json") == 3
+    told, err = capsys.readouterr()
+    assert err == "jaxcable: end.json: checks are not passed\n"
     lowest = float(jc.solve(STRUCTURE, [*names.values()]).tension.min())
     assert f"that remains: FAILS: utilization {1e6 / lowest:.3f}, element" in told
     assert ", load, given limit" in told and "1 of 1 checks NOT passed" in told
@@ -192,7 +193,7 @@ def weak_rope():
 REFUSED = {
     "bare.json --combinations 'EN 1990'": "bare.json: has no actions to combine",
     "rope.json --combinations 'EN 199'": "rules = 'EN 199': expected a name",
-    "rope.json --combinations 'EN 1990' --which ULS": "--which 'ULS': is no rule and no limit",
+    "rope.json --combinations 'EN 1990' --which ULS": "which: 'ULS': is no rule and no limit",
     "rope.json --which 'ULS 6.10'": "--which: is for combinations",
     "rope.json --case-increments 2": "--case-increments: is for combinations",
     "rope.json --combinations none.json": "none.json: No such file",
