@@ -78,17 +78,13 @@ def run(options: Namespace) -> None:
             return solve(structure, stated)
         return design.solve_cases(structure, stated, combined)
 
-    low, high = options.bounds
     shown = units or SI
-    start = _start_within_bounds(start, low, high, shown)
-    if options.bounds == _NO_BOUNDS:
-        high = strength
-        start = jnp.minimum(start, strength)
+    start, bounds = _start_within_bounds(start, strength, options.bounds, shown)
     with refuse_value_errors(options.scene):
         if options.target is None:
-            found = _minimize_pretension(structure, analyse, start, (low, high), options)
+            found = _minimize_pretension(structure, analyse, start, bounds, options)
         else:
-            found, description = _match_target_tension(analyse, start, (low, high), options, shown)
+            found, description = _match_target_tension(analyse, start, bounds, options, shown)
         best = jax.tree.map(np.asarray, pretension_of(found.params))
         solution, ends = _solve_with_cases(options, structure, phases_with(best), combined)
     code = int(found.status)
@@ -105,14 +101,11 @@ def run(options: Namespace) -> None:
     limits = describe_limits(structure, ends, options, shown, slack_governs=slack_governs)
     if options.target is None:
         description = _describe_sum(found, start, limits, options, shown)
-    of = "final axial forces"
-    if combined is not None:
-        of = f"axial forces over {len(combined)} combinations"
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
         f"pretension {range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
-        f"{of} {range_text([end.peak_tension for end in ends.values()], 'N', units)}",
+        _describe_forces(ends, units),
         *limits,
         _describe_movement(solution, number, shown),
         *describe_slack_elements(structure, ends),
@@ -149,19 +142,32 @@ def _solve_with_cases(options, structure, phases, combined):
     }
 
 
-def _start_within_bounds(start, low, high, units):
-    """Return the start, [n], N, with what is outside of the bounds, N, at them, and a warning."""
-    bounds = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
+def _describe_forces(ends, units):
+    """Return a line on the axial forces of all cases, each a `Solution` by its name in words."""
+    of = "final axial forces" if "" in ends else f"axial forces over {len(ends)} combinations"
+    return f"{of} {range_text([end.peak_tension for end in ends.values()], 'N', units)}"
+
+
+def _start_within_bounds(start, strength, bounds, units):
+    """Return the start, [n], N, with what is outside of the bounds at them, and the bounds, N.
+
+    A warning says so. Without bounds on the command line pretensions are at most the strength, [n].
+    """
+    low, high = bounds
+    words = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
     if not low <= high:
-        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
+        raise BadInput(f"--bounds {words}: the first is above the second".replace(" to ", " "))
+    words += f" {units.force}"
+    if bounds == _NO_BOUNDS:
+        high, words = strength, "0 and the strength"
     inside = jnp.clip(start, low, high)
     if (inside != start).any():
         text = (
             "the pretension of the scene is outside the bounds; the search starts at the nearest "
-            f"values within {bounds} {units.force}"
+            f"values within {words}"
         )
         warnings.warn(text, InputWarning, stacklevel=1)
-    return inside
+    return inside, (low, high)
 
 
 def _require_one_aim(options):

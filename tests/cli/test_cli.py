@@ -410,7 +410,9 @@ def test_optimize_keeps_its_limits(scene, capsys, monkeypatch):
     excess = f"violated by {100 * (reached / 0.0115 - 1):.2g} %\n"
     assert f"reached {reached:.6g} m at node" in told and excess in told
     assert f"reached {lowest:.6g} N, element " in told
-    assert f": violated by {100 * (1 - lowest / 250):.2g} %" in told and not Path("no.json").exists()
+    assert (
+        f": violated by {100 * (1 - lowest / 250):.2g} %" in told and not Path("no.json").exists()
+    )
     assert "no.json: not written: the limits are violated; --keep writes it" in err
     assert "constraints are violated" in err
 
