@@ -12,7 +12,6 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.checks import suggest_names
 from ..common.units import Units
 from ..design import checks, combination_rules, combinations, solve_cases
 from ..design.checks import Checks
@@ -48,30 +47,11 @@ def combine_actions(options: Namespace, scene: Scene) -> Combinations | None:
         )
     with refuse_value_errors("--combinations"):
         rules = combination_rules(standard)
-    which = None if options.which is None else _chosen_rules(options.which, rules)
     with refuse_value_errors(options.scene):
         increments = options.case_increments or 1
-        found = combinations(scene.actions, rules, which=which, increments=increments)
+        found = combinations(scene.actions, rules, which=options.which, increments=increments)
         # errors of actions that cannot have their factors come before long work
         return found if found.cases is not None else None
-
-
-def _chosen_rules(words, rules):
-    """Return the names of the rules that are named, or whose limit states are, a list."""
-    every, found = rules["combinations"], []
-    states = {rule["limit state"] for rule in every.values()}
-    for word in words:
-        if word not in every and word not in states:
-            hint = suggest_names(word, [*every, *sorted(states)])
-            raise BadInput(f"--which {word!r}: is no rule and no limit state{hint}")
-        asked = [word] if word in every else []
-        asked += [
-            name
-            for name, rule in every.items()
-            if rule["limit state"] == word and not rule.get("on request")
-        ]
-        found += [name for name in asked if name not in found]
-    return found
 
 
 def solve_combinations(

@@ -20,7 +20,7 @@ from ..common.status import AnalysisError
 from ..common.writing import MADE_BY
 from ..files import FileError
 
-OK, FAILED, BAD_INPUT = 0, 1, 2
+OK, FAILED, BAD_INPUT, NOT_PASSED = 0, 1, 2, 3
 _HEAD = 4096  # bytes in which files say what has made them
 # a path that the text has counted from 1 already stays
 _PHASE = re.compile(r"(?<!\()\bphases\[(\d+)\](?:\.\w+|\[\d+\])*")
@@ -46,8 +46,8 @@ def refuse_value_errors(place: str | Path) -> Iterator[None]:
 def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:
     """Run a command; print any error in one line, and return the exit status.
 
-    The status is 0 (done), 1 (the analysis failed) or 2 (bad input). With `options.quiet` nothing
-    is printed but errors: no results, no warnings, no progress.
+    The status is 0 (done), 1 (the analysis failed), 2 (bad input) or 3 (checks not passed). With
+    `options.quiet` nothing is printed but errors: no results, no warnings, no progress.
 
     The command runs in another thread, because compiled programs do not react to Ctrl-C: the main
     thread waits for it meanwhile.

@@ -18,15 +18,16 @@ from ..common.checks import InputWarning
 from ..common.tree import replace
 from ..common.units import SI
 from ..files import save_scene
+from ..model.result_parts import values_per_group
 from ..reporting.load_descriptions import range_text
 from . import inputs, outputs
 from .combining import combine_actions, solve_combinations
 from .guard import BadInput, print_message, refuse_value_errors
 from .limits import (
     ROUNDING,
-    describe_exceeded_strength,
     describe_limits,
     describe_slack_elements,
+    largest_utilization,
     tension_margins,
 )
 from .solving import solve_scene
@@ -39,6 +40,10 @@ that move alike. Half the width halves that, but makes the maximum less smooth.
 """
 _NO_PRESTRESS = 1e-9
 """Sum of the pretensions over that of the start below which the optimum has none."""
+_NO_BOUNDS = (0.0, np.inf)
+"""Default of ``--bounds``: pretensions are then at most the strength, where there is one."""
+_SCATTER = 100
+"""Ratio of the largest to the smallest pretension of a group from which a hint is given."""
 _MEANING = (
     "pretension: the force that a cable would have in the drawn geometry; it fixes the cutting "
     "length, and is not the jacking force"
@@ -61,7 +66,7 @@ def run(options: Namespace) -> None:
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
-    start, pretension_of = _parametrize_pretension(structure, phases[number], options)
+    start, strength, pretension_of = _parametrize_pretension(structure, phases[number], options)
 
     def phases_with(pretension):
         phase = replace(phases[number], pretension=pretension)
@@ -73,14 +78,13 @@ def run(options: Namespace) -> None:
             return solve(structure, stated)
         return design.solve_cases(structure, stated, combined)
 
-    low, high = options.bounds
     shown = units or SI
-    start = _start_within_bounds(start, low, high, shown)
+    start, bounds = _start_within_bounds(start, strength, options.bounds, shown)
     with refuse_value_errors(options.scene):
         if options.target is None:
-            found = _minimize_pretension(structure, analyse, start, (low, high), options)
+            found = _minimize_pretension(structure, analyse, start, bounds, options)
         else:
-            found, description = _match_target_tension(analyse, start, (low, high), options, shown)
+            found, description = _match_target_tension(analyse, start, bounds, options, shown)
         best = jax.tree.map(np.asarray, pretension_of(found.params))
         solution, ends = _solve_with_cases(options, structure, phases_with(best), combined)
     code = int(found.status)
@@ -93,18 +97,19 @@ def run(options: Namespace) -> None:
                 f"{options.save}: not written: the analysis fails with the pretension of the start"
             )
         status.raise_if_failed(failed[0])
-    limits = describe_limits(structure, ends, options, shown)
+    slack_governs = _only_slack_governs(found, structure, options, len(ends))
+    limits = describe_limits(structure, ends, options, shown, slack_governs=slack_governs)
     if options.target is None:
         description = _describe_sum(found, start, limits, options, shown)
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
         f"pretension {range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
-        f"final axial forces {range_text(solution.last.peak_tension, 'N', units)}",
+        _describe_forces(ends, units),
         *limits,
         _describe_movement(solution, number, shown),
         *describe_slack_elements(structure, ends),
-        *describe_exceeded_strength(structure, ends),
+        *_describe_scatter(structure, best, options),
         _MEANING,
     ]
     good = code == status.OK or options.keep
@@ -137,19 +142,32 @@ def _solve_with_cases(options, structure, phases, combined):
     }
 
 
-def _start_within_bounds(start, low, high, units):
-    """Return the start, [n], N, with what is outside of the bounds, N, at them, and a warning."""
-    bounds = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
+def _describe_forces(ends, units):
+    """Return a line on the axial forces of all cases, each a `Solution` by its name in words."""
+    of = "final axial forces" if "" in ends else f"axial forces over {len(ends)} combinations"
+    return f"{of} {range_text([end.peak_tension for end in ends.values()], 'N', units)}"
+
+
+def _start_within_bounds(start, strength, bounds, units):
+    """Return the start, [n], N, with what is outside of the bounds at them, and the bounds, N.
+
+    A warning says so. Without bounds on the command line pretensions are at most the strength, [n].
+    """
+    low, high = bounds
+    words = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
     if not low <= high:
-        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
+        raise BadInput(f"--bounds {words}: the first is above the second".replace(" to ", " "))
+    words += f" {units.force}"
+    if bounds == _NO_BOUNDS:
+        high, words = strength, "0 and the strength"
     inside = jnp.clip(start, low, high)
     if (inside != start).any():
         text = (
             "the pretension of the scene is outside the bounds; the search starts at the nearest "
-            f"values within {bounds} {units.force}"
+            f"values within {words}"
         )
         warnings.warn(text, InputWarning, stacklevel=1)
-    return inside
+    return inside, (low, high)
 
 
 def _require_one_aim(options):
@@ -168,17 +186,25 @@ def _require_one_aim(options):
 
 
 def _parametrize_pretension(structure, phase, options):
-    """Return the start of the search, [n], N, and a function from such vectors to pretensions.
+    """Return start and strength, [n], N, and a function from such vectors to pretensions.
 
-    Pretensions have the shape of the elements. With `options.same_in_group` there is one parameter
-    for each group, otherwise one for each element.
+    The start is that of the search; the strength is infinite where none is stated. Pretensions have
+    the shape of the elements. With `options.same_in_group` there is one parameter for each group,
+    otherwise one for each element.
     """
     given = [statements.get("pretension") for statements in phase.statements(structure)]
     if any(statement is not None and statement.chosen is not None for statement in given):
         raise BadInput(f"{options.scene}: a pretension of only some elements cannot be optimized")
     values = [None if one is None else np.asarray(one.values, float) for one in given]
+    strengths = [
+        None
+        if value is None
+        else np.broadcast_to(np.inf if group.strength is None else group.strength, value.shape)
+        for value, group in zip(values, structure.groups, strict=True)
+    ]
     if options.same_in_group:
         values = [None if value is None else value.mean(keepdims=True) for value in values]
+        strengths = [None if value is None else value.min(keepdims=True) for value in strengths]
     start, by_group = ravel_pytree(values)
 
     def pretension_of(parameters):
@@ -190,7 +216,7 @@ def _parametrize_pretension(structure, phase, options):
             ]
         )
 
-    return start, pretension_of
+    return start, ravel_pytree(strengths)[0], pretension_of
 
 
 def _options_in_si(options, units):
@@ -241,8 +267,8 @@ def _target_is_met(found, start, options):
 def _minimize_pretension(structure, analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    The limits are `options.deflection`, m, and `options.lowest`, N, in all cases. Other arguments
-    are those of `_match_target_tension`. Return the `Design` found.
+    The limits are `options.deflection`, m, `options.lowest`, N, and the strength, in all cases.
+    Other arguments are those of `_match_target_tension`. Return the `Design` found.
     """
 
     def excess(solution):
@@ -252,6 +278,7 @@ def _minimize_pretension(structure, analyse, start, bounds, options):
             parts.append(jnp.atleast_1d(bound / options.deflection - 1.0))
         if not options.allow_slack:
             parts += [-margin for margin in tension_margins(structure, solution, options.lowest)]
+        parts += [jnp.atleast_1d(used - 1.0) for used in largest_utilization(structure, solution)]
         return jnp.concatenate(parts)
 
     def problem(parameters):
@@ -263,6 +290,30 @@ def _minimize_pretension(structure, analyse, start, bounds, options):
     return design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
     )
+
+
+def _only_slack_governs(found, structure, options, n_case):
+    """Return whether a search has converged where, of its limits, only those on slack are active.
+
+    Their order in each of the `n_case` cases is that of `_minimize_pretension`.
+    """
+    stated = options.target, options.lowest
+    if stated != (None, None) or options.allow_slack or int(found.status) != status.OK:
+        return False
+    multipliers = np.asarray(found.multipliers).reshape(n_case, -1)
+    first = 0 if options.deflection is None else 1
+    count = sum(len(group.links) for group in structure.groups if group.tension_only)
+    slack, total = multipliers[:, first : first + count].sum(), multipliers.sum()
+    return slack > 0 and total - slack <= ROUNDING * total
+
+
+def _describe_scatter(structure, pretension, options):
+    """Return a line if pretensions [n_elem], by group, N, differ much within a group; or []."""
+    groups = [one for one in values_per_group(structure, pretension) if one is not None]
+    if options.same_in_group or all(one.max() <= _SCATTER * one.min() for one in groups):
+        return []
+    text = f"pretensions within a group differ by a factor of more than {_SCATTER}"
+    return [f"{text}: --same-in-group gives all elements of a group the same"]
 
 
 def _describe_sum(found, start, limits, options, units):

@@ -31,7 +31,10 @@ from .option_values import parse_positive, whole_number_up_to
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
 
-_STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
+_STATUS = (
+    "exit status: 0 done, 1 the analysis failed, 2 bad input, 3 checks not passed,\n"
+    "130 interrupted (Ctrl-C)"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -308,7 +311,8 @@ def _add_optimize(commands):
     command.add_argument("--target", type=number, metavar="T", help=text)
     text = (
         "smallest pretension with which no node moves more than this in the last phase (with "
-        "combinations: in each of them), and no cable is slack; m or in the units of the scene"
+        "combinations: in each of them), no cable is slack, and no force is above the strength; m "
+        "or in the units of the scene"
     )
     command.add_argument("--deflection", type=parse_positive, metavar="D", help=text)
     text = (
@@ -317,8 +321,8 @@ def _add_optimize(commands):
     )
     command.add_argument("--lowest", type=parse_positive, metavar="T", help=text)
     text = (
-        "smallest and largest pretension allowed, N or in the units of the scene (default: 0 and "
-        "no limit)"
+        "smallest and largest pretension allowed, N or in the units of the scene (default: 0, and "
+        "the strength of elements that have one)"
     )
     names, whole_range = ("LOW", "HIGH"), (0.0, float("inf"))
     command.add_argument(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from .combining import (
     report_failed_combinations,
     solve_combinations,
 )
-from .guard import FAILED, print_message, refuse_value_errors, require_writable
+from .guard import FAILED, NOT_PASSED, print_message, refuse_value_errors, require_writable
 from .solving import solve_scene
 
 _STAGED = "energy check not available with construction stages (adds, removes)"
@@ -32,7 +33,7 @@ _STAGED = "energy check not available with construction stages (adds, removes)"
 def run(options: Namespace) -> int | None:
     """Analyse the scene in `options.scene`, print a summary and write the files that options name.
 
-    Return exit status 1 if the analysis fails, else None.
+    Return exit status 1 if an analysis fails, 3 if checks are not passed, else None.
     """
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
@@ -97,6 +98,10 @@ def run(options: Namespace) -> int | None:
         and report_failed_combinations(options, cases, combinations)
     ):
         return FAILED
+    if checks is not None and (checks.unstable or not checks.passed):
+        sys.stdout.flush()
+        print_message(f"{options.scene}: checks are not passed")
+        return NOT_PASSED
     return outputs.report_failure(options, solution)
 
 

@@ -205,8 +205,9 @@ def combinations(
         rules: "EN 1990" or "ASCE 7-16"; or a JSON file, or a dict, see `combination_rules`.
 
     Options:
-        which: names of the rules to combine by, such as ["ULS 6.10a", "ULS 6.10b"]; default: all
-            that are not marked "on request". Accidental and seismic actions have the factor zero
+        which: rules to combine by, as names such as ["ULS 6.10a", "ULS 6.10b"], or as limit states
+            such as ["serviceability"] for all of their rules that are not marked "on request";
+            default: all rules that are not. Accidental and seismic actions have the factor zero
             where these rules leave their kind out.
         increments: in how many equal steps each case is applied.
 
@@ -302,15 +303,23 @@ def _require_few(count):
 def _chosen_rules(rules, which):
     """Return the rules of combinations to take, by name; ValueError for unknown names."""
     every = rules["combinations"]
+    usual = {name: rule for name, rule in every.items() if not rule.get("on request")}
     if which is None:
-        return {name: rule for name, rule in every.items() if not rule.get("on request")}
+        return usual
+    states = dict.fromkeys(rule["limit state"] for rule in every.values())
     which = [which] if isinstance(which, str) else list(which)
     if not which:
         raise ValueError(f"which: no rule{checks.suggest_names('', every)}")
-    for name in which:
-        if name not in every:
-            raise ValueError(f"which: {name!r}: no such rule{checks.suggest_names(name, every)}")
-    return {name: every[name] for name in which}
+    chosen = {}
+    for word in which:
+        if word not in every and word not in states:
+            hint = checks.suggest_names(word, [*every, *states])
+            raise ValueError(f"which: {word!r}: is no rule and no limit state{hint}")
+        own = {name: rule for name, rule in usual.items() if rule["limit state"] == word}
+        chosen |= {word: every[word]} if word in every else own
+    if not chosen:
+        raise ValueError(f"which: {which[0]!r}: all rules of it are on request: name them")
+    return chosen
 
 
 def _require_known_kinds(actions, rules, chosen):

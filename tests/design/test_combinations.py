@@ -393,6 +393,19 @@ def test_chosen_rules_may_leave_out_an_accidental_action():
         jc.design.combinations([*actions, Action("x", "impact", load)], which=["ULS 6.10"])
 
 
+def test_limit_states_choose_their_rules():
+    """A limit state stands for its rules, but for those on request; a rule is listed once."""
+    load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
+    actions = [Action("dead", "permanent", load), Action("snow", "snow", load)]
+    every, chosen = combinations(actions), combinations(actions, which=["serviceability"])
+    assert chosen.names == every.of_limit_state("serviceability").names
+    assert set(chosen.limit_states) == {"serviceability"}
+    words = ["SLS frequent", "serviceability"]
+    assert sorted(combinations(actions, which=words).names) == sorted(chosen.names)
+    with pytest.raises(ValueError, match="which: 'servicability': is no rule and no limit state"):
+        combinations(actions, which=["servicability"])
+
+
 def test_cases_that_add_nothing_to_the_phases_are_a_batch():
     weight = jc.NodalLoads([1], (0.0, 0.0, -1.0))
     actions = [Action("dead", "permanent", weight, in_phases=True)]

@@ -765,7 +765,7 @@ design.combinations([jc.replace(SNOW, kind="accidental", source="steel")])
     # actions[0]: source: 'snow' is neither a permanent nor a variable action
 design.combinations([DEAD, jc.replace(SNOW, kind="prestress", exclusive="a")])
     # actions[1]: exclusive: 'snow' is no variable action
-design.combinations([SNOW], which=["ULS"])  # which: 'ULS': no such rule; there are
+design.combinations([SNOW], which=["ULS"])  # which: 'ULS': is no rule and no limit state; there are
 design.combinations([SNOW], which=[])  # which: no rule; there are
 design.combinations([SNOW], which=["ACC 6.11"])  # actions: the rules ACC 6.11 make no combination
 design.combinations([jc.replace(SNOW, kind="imposed H")], which=["SLS frequent"])
