@@ -57,6 +57,7 @@ def envelope_diagram(
     view: str | None = None,
     high: float = _HIGH,
     supports: bool = True,
+    heights: float | None = 1.0,
     units: UnitsLike | None = None,
 ) -> Figure:
     """Draw the envelope of a result over load cases on the structure, as it is in the input.
@@ -82,6 +83,7 @@ def envelope_diagram(
             elevation that shows them in their true length.
         high: length of the largest section force over the extent of the structure.
         supports: whether to mark supports.
+        heights: factor on heights in elevations, as of `net`; 1 of section forces.
         units: units of coordinates and values, as of `net`.
 
     Returns:
@@ -117,8 +119,9 @@ def envelope_diagram(
         raise ValueError(f"high = {high!r}: must be positive")
     if len(envelope.failed) == len(envelope.names):
         raise ValueError("envelope: no case has converged")
-    stage = UndeformedStructure(structure, view, stated)
-    if of in SECTION_FORCES.components:
+    of_beams = of in SECTION_FORCES.components
+    stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights)
+    if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":
         figure, handles, slots, bar = _draw_displacements(stage, envelope)
