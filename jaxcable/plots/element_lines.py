@@ -86,7 +86,8 @@ class ColorScale:
         if self._ranges is None:
             return self.factor * forces.value
         sizes = np.maximum(np.abs(self._ranges).max(axis=1), 1e-300)
-        return 100.0 * np.abs(forces.value) / sizes[forces.group]
+        # divided first: no share is above 100, which is where the color of excess begins
+        return 100.0 * (np.abs(forces.value) / sizes[forces.group])
 
     def legend(self) -> list[Line2D]:
         """Return a legend entry with the range of forces for each group; [] without shares."""

@@ -57,11 +57,12 @@ def envelope_diagram(
     view: str | None = None,
     high: float = _HIGH,
     supports: bool = True,
+    heights: float | None = 1.0,
     units: UnitsLike | None = None,
 ) -> Figure:
     """Draw the envelope of a result over load cases on the structure, as it is in the input.
 
-    The legend names the cases that govern.
+    The legend names the cases that govern. Elements that are inactive in all cases are left out.
 
     - Section forces of beams, "N" to "Mz": the largest and the smallest value along each beam, to
       the sides of `diagram`; between the places of the envelope straight lines.
@@ -82,6 +83,7 @@ def envelope_diagram(
             elevation that shows them in their true length.
         high: length of the largest section force over the extent of the structure.
         supports: whether to mark supports.
+        heights: factor on heights in elevations, as of `net`; 1 of section forces.
         units: units of coordinates and values, as of `net`.
 
     Returns:
@@ -117,8 +119,9 @@ def envelope_diagram(
         raise ValueError(f"high = {high!r}: must be positive")
     if len(envelope.failed) == len(envelope.names):
         raise ValueError("envelope: no case has converged")
-    stage = UndeformedStructure(structure, view, stated)
-    if of in SECTION_FORCES.components:
+    of_beams = of in SECTION_FORCES.components
+    stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights)
+    if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":
         figure, handles, slots, bar = _draw_displacements(stage, envelope)
@@ -176,6 +179,18 @@ def _leaves(tree):
     return [x for x in values_by_group(tree, 0) if x is not None]
 
 
+def _active_elements(structure, envelope):
+    """Return which elements are active in each case, [n_case, n_elem] bool.
+
+    The tension of others is NaN; elements without tensions count as active.
+    """
+    tensions = values_by_group(envelope.values["tension"], len(structure.groups))
+    shapes = [(len(envelope.names), len(group.links)) for group in structure.groups]
+    pairs = zip(tensions, shapes, strict=True)
+    known = [np.zeros(shape) if x is None else np.asarray(x) for x, shape in pairs]
+    return ~np.isnan(np.concatenate(known, axis=1))
+
+
 def _draw_section_force(stage, envelope, of, high):
     """Draw the largest and the smallest section force along all beams."""
     structure = stage.structure
@@ -187,7 +202,11 @@ def _draw_section_force(stage, envelope, of, high):
     extremes = _extremes(envelope, of)
     largest = max(abs(extreme.value) for extreme in extremes.values())
     factor, unit = quantity_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
-    ends, axes_of_beams = _beams(structure, stage.nodes)
+    active = _active_elements(structure, envelope).any(axis=0)
+    bends = [np.full(len(one.links), isinstance(one, Bending)) for one in structure.groups]
+    beams = active[np.concatenate(bends)]
+    values = {side: own[beams] for side, own in values.items()}
+    ends, axes_of_beams = (x[beams] for x in _beams(structure, stage.nodes))
     places = np.linspace(0.0, 1.0, values["high"].shape[1])
     chord = stage.nodes[ends]
     base = (1 - places[:, None]) * chord[:, :1] + places[:, None] * chord[:, 1:]
@@ -202,7 +221,7 @@ def _draw_section_force(stage, envelope, of, high):
     points = np.concatenate([stage.nodes, *(own.reshape(-1, 3) for own in tips.values())])
     figure, slots = arrange_pictures([stage.view], [points], [f"envelope of {of} ({unit})"])
     (axes,) = figure.axes
-    stage.add_lines(axes, stage.nodes, colors=GHOST, linewidths=1.0, zorder=1)
+    stage.add_lines(axes, stage.nodes, active, colors=GHOST, linewidths=1.0, zorder=1)
     seen = stage.view.project(base)
     stage.view.add_lines(axes, seen, colors=INK, linewidths=1.4, zorder=4)
     area: Any = PolyCollection if stage.view.flat else Poly3DCollection
@@ -252,12 +271,16 @@ def _draw_displacements(stage, envelope):
     title = "displacements of all cases" + (f" x {factor:g}" if factor != 1 else "")
     figure, slots = arrange_pictures([stage.view], [points], [title])
     (axes,) = figure.axes
-    stage.add_lines(axes, stage.nodes, colors=GHOST, linewidths=1.0, linestyles="--", zorder=1)
-    for positions in every:
-        stage.add_lines(axes, positions, colors=SERIES[5], linewidths=0.5, alpha=0.6, zorder=2)
+    active = _active_elements(stage.structure, envelope)
+    dashed: Any = {"colors": GHOST, "linewidths": 1.0, "linestyles": "--", "zorder": 1}
+    stage.add_lines(axes, stage.nodes, active.any(axis=0), **dashed)
+    thin: Any = {"colors": SERIES[5], "linewidths": 0.5, "alpha": 0.6, "zorder": 2}
+    for number, positions in zip(good, every, strict=True):
+        stage.add_lines(axes, positions, active[number], **thin)
     width = line_width(len(stage.links))
     positions = stage.nodes + factor * moved[case]
-    stage.add_lines(axes, positions, colors=SERIES[0], linewidths=width, zorder=3)
+    bold: Any = {"colors": SERIES[0], "linewidths": width, "zorder": 3}
+    stage.add_lines(axes, positions, active[case], **bold)
     units = stage.units or SI
     small, to_small = units.small_length
     size = float(to_small) * units.from_si(float(sizes[case, node]), "m")
@@ -300,9 +323,10 @@ def _draw_element_values(stage, envelope, of):
     figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
     width = line_width(len(stage.links))
     handles: list[Any] = scale.legend()
+    active = _active_elements(structure, envelope).any(axis=0)
     for axes, (side, (word, _)) in zip(figure.axes, _SIDES.items(), strict=True):
-        lines = stage.add_lines(axes, stage.nodes, linewidths=width, zorder=3, **scale.look)
-        lines.set_array(scale.numbers(values[side])[stage.element])
+        lines = stage.add_lines(axes, stage.nodes, active, linewidths=width, zorder=3, **scale.look)
+        lines.set_array(scale.numbers(values[side])[stage.element[active[stage.element]]])
         extreme = extremes[side]
         number = f"{format_value(scale.factor * extreme.value)} {scale.unit}".rstrip()
         text = f"{word} {scale.name}: {number}, {extreme.case}"

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import proj3d
 
 from ..common.types import Float
@@ -19,6 +20,7 @@ Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
 _GAP = 0.1  # inches, around everything
 _BAR = 0.74  # inches, height of the color bar with its numbers and label
 _TITLE = 0.25  # inches, height of a title
+_NUMBER = 4.5  # width of a number on the color bar with the space beside it, over its size
 _ROUNDS = 3
 """Rounds of measuring and placing: labels keep their size when axes change theirs."""
 
@@ -103,7 +105,8 @@ def finish_layout(
     figure.set_size_inches(width, total)
     if mappable is not None:
         below = figure.add_axes((0.2, (room + 0.48) / total, 0.6, 0.12 / total))
-        figure.colorbar(mappable, cax=below, orientation="horizontal", label=label)
+        marks = MaxNLocator(nbins=max(int(0.6 * width * 72 / (_NUMBER * SIZE)), 2))
+        figure.colorbar(mappable, cax=below, orientation="horizontal", label=label, ticks=marks)
     set_text_size(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
         axes.set_position((left / width, 1 - (top + high) / total, wide / width, high / total))

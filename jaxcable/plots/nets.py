@@ -96,8 +96,9 @@ def net(
             for an axis that is seen end on; needs `structure`.
         ground: points of the ground along a line, [n, 3], m, as of `results.clearance_over_ground`,
             drawn in elevations and in space.
-        heights: factor on heights in elevations, such as 5.0 for the spans of a line; None for a
-            round factor, 1 of a structure that is not low.
+        heights: factor on heights in elevations, such as 5.0 for the spans of a line; default 1.0,
+            heights to scale. None for a round factor from 1 to 100, 1 of a structure that is not
+            low.
         units: units of coordinates and values, such as "kip, ft" (see `files.Units`); default: SI,
             with forces in N, kN or MN.
 

@@ -18,6 +18,8 @@ from ..model.structure import Structure
 from .envelopes import KINDS, envelope_diagram, largest_size
 from .model_pictures import model
 from .nets import net
+from .snapshots import Snapshots
+from .views import choose_view
 
 _PLACES = 41  # along beams: the largest value between two of them is off by 1e-3 at most
 _WORTH = 1e-3  # of the largest section force of a kind: less is not drawn
@@ -45,7 +47,7 @@ def for_report(
         cases: `Solution` with a leading axis [n_case], as for `report`.
         names: names of the cases, such as ``combinations.names``.
         ground: points of the ground along a line, as of `net`. Heights of a line, a plane structure
-            without beams that is low, are magnified.
+            without beams that is low, are magnified by one round factor in all pictures.
         units: units of the pictures, as of `net`.
 
     Returns:
@@ -64,8 +66,8 @@ def for_report(
     """
     if int(solution.status) != status.OK:
         return {}
-    lines = not any(isinstance(group, Bending) for group in structure.groups)
-    heights = None if lines else 1.0
+    profile = np.zeros((0, 3)) if ground is None else np.asarray(ground, float).reshape(-1, 3)
+    heights = _factor_on_heights(structure, solution, profile)
     found = {
         "Structure: groups, nodes and elements": model(structure, units=units, heights=heights),
         "Forces at the end of the first and the last phase": net(
@@ -76,10 +78,10 @@ def for_report(
         return found
     extremes = envelope(structure, cases, names, places=_PLACES)
     found["Displacements in all cases"] = envelope_diagram(
-        structure, extremes, "displacement", units=units
+        structure, extremes, "displacement", units=units, heights=heights
     )
     found["Axial forces: largest and smallest over all cases"] = envelope_diagram(
-        structure, extremes, "tension", units=units
+        structure, extremes, "tension", units=units, heights=heights
     )
     governing = _case_of_largest_utilization(structure, cases)
     if governing is not None:
@@ -91,6 +93,7 @@ def for_report(
             structure=structure,
             loads=False,
             names=[name] if len(case.phases) == 1 else None,
+            heights=heights,
             units=units,
         )
     for kind in KINDS:
@@ -101,6 +104,18 @@ def for_report(
                     structure, extremes, name, units=units
                 )
     return found
+
+
+def _factor_on_heights(structure, solution, profile):
+    """Return the factor on heights in all pictures of a report; 1 of a structure with beams.
+
+    It is that at which the final shape, with the sags of cables, and the ground, `profile`, [n, 3],
+    m, are not very low.
+    """
+    if any(isinstance(group, Bending) for group in structure.groups):
+        return 1.0
+    shape = Snapshots(solution, structure).of_state(solution.last).points()
+    return choose_view(np.concatenate([shape, profile]), heights=None).heights
 
 
 def _case_of_largest_utilization(structure, cases):

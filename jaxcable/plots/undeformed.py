@@ -66,7 +66,15 @@ class UndeformedStructure:
             self.view = view_of_ordinates(self.view, ends, sides)
 
     def add_lines(
-        self, axes: Any, positions: Float[np.ndarray, "... 3"], **look: Any
+        self,
+        axes: Any,
+        positions: Float[np.ndarray, "... 3"],
+        which: Bool[np.ndarray, " n_elem"],
+        **look: Any,
     ) -> LineCollection:
-        """Draw all elements as straight lines between nodes at some positions, [n_node, 3], m."""
-        return self.view.add_lines(axes, self.view.project(positions)[self.links], **look)
+        """Draw elements, those for which `which` is True, as straight lines between their nodes.
+
+        `positions` are those of the nodes, [n_node, 3], m.
+        """
+        links = self.links[which[self.element]]
+        return self.view.add_lines(axes, self.view.project(positions)[links], **look)

@@ -21,6 +21,9 @@ VIEWS = ("plan", "elevation", "space")
 _PLANE = 1e-6  # largest distance of a plane structure from its plane, over its extent
 _HIGH = 0.5  # height over the smaller extent in plan from which on a structure is seen from a side
 _LOW = 0.3  # height over width to which heights are magnified at most
+_MOST = 100.0  # largest factor on heights that is chosen: a level structure stays a line
+_RISE, _AZIMUTH = 30.0, -52.5  # degrees; between the multiples of 15 at which guys often stand,
+# which an azimuth of -60 would hide behind their mast
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 _LEAST = 0.15  # least extent of axes over the largest one, so that a flat net has some height
 _MARGIN = 0.05  # margin on each side over the extent
@@ -116,8 +119,9 @@ class View:
         size = high - low
         if self.flat:
             return float(size[1] / size[0])
-        # height over width of a box seen from 30 degrees above and 30 degrees aside
-        return float((0.25 * size[0] + 0.43 * size[1] + 0.87 * size[2]) / (size @ [0.87, 0.5, 0.0]))
+        rise, azimuth = np.radians([_RISE, _AZIMUTH])
+        across, away = np.abs([np.sin(azimuth), np.cos(azimuth)]) @ [size[:2], size[1::-1]]
+        return float((np.sin(rise) * away + np.cos(rise) * size[2]) / across)
 
     def add_axes(self, figure, points, title):
         """Add axes that show all points to a figure, and return them; `layout` moves them later.
@@ -144,6 +148,7 @@ class View:
             axes.set(xlabel=names[0], ylabel=names[1])
         else:
             axes = figure.add_axes([0.1, 0.1, 0.8, 0.8], projection="3d")
+            axes.view_init(_RISE, _AZIMUTH)
             axes.computed_zorder = False  # keep the stated order of lines, marks and arrows
             axes.patch.set_visible(False)  # the background would cover the axes beside
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
@@ -178,8 +183,8 @@ def choose_view(
             of its extents in plan.
         space: whether to choose "space" instead, unless the structure lies in a vertical plane.
         units: `Units` of the coordinates in the picture.
-        heights: factor on heights in an elevation; None for a round one at which the picture is
-            not very low.
+        heights: factor on heights in an elevation; None for a round one, at most 100, at which the
+            picture is not very low.
     """
     if heights is not None and not heights > 0:
         raise ValueError(f"heights = {heights!r}: must be positive, or None")
@@ -194,7 +199,8 @@ def choose_view(
         heights = 1.0
     elif heights is None:
         wide, high = np.ptp(View(kind, along).project(points), axis=0)
-        heights = round_factor(_LOW * wide / max(high, 1e-9 * wide, 1e-300))
+        level = high <= _PLANE * wide  # what is left of heights is rounding
+        heights = 1.0 if level else round_factor(min(_LOW * wide / high, _MOST))
     return View(kind, along, plane, units, heights)
 
 

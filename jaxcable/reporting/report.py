@@ -36,7 +36,7 @@ from .reactions import equilibrium_table, reaction_table, total_reaction
 from .result_report import Report
 from .rotations import rotation_tables
 from .section_forces import section_force_tables
-from .slackness import loose_node_table, slack_cable_table
+from .slackness import slackness_tables
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
@@ -300,7 +300,6 @@ def _make_tables(structure, solution, envelope, cases, labels, units, chains):
         "cutting_list": cutting_list_table(structure, solution, units),
         **cable_tables(structure, solution),
         **surface_tables(structure, state),
-        "slack": slack_cable_table(structure, every),
-        "loose": loose_node_table(structure, every),
+        **slackness_tables(structure, every),
         **element_result_tables(structure, state, envelope, several),
     }

@@ -79,7 +79,8 @@ class Report:
               and cables with an area, in the final state and over all load steps;
             - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
             - ``surfaces``: areas and weights of groups whose elements have faces;
-            - ``slack``, ``loose``: cables without tension; nodes attached to such cables only;
+            - ``slack``, ``loose``: cables without tension; nodes attached to such cables only; each
+              if there are any;
             - ``results``: smallest and largest value of other results that elements have, and by
               the name of each its values in all elements, at all places;
             - ``forces_by_phase``, ``reactions_by_phase``: at the ends of three phases or more, and

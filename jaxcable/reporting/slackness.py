@@ -13,7 +13,16 @@ from .states import EnvelopeState
 from .table import Column, Table, make_table
 
 
-def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
+def slackness_tables(structure: Structure, states: Mapping[str, EnvelopeState]) -> dict[str, Table]:
+    """Return the tables "slack" and "loose" as a dict, without those that would be empty."""
+    found = {
+        "slack": _slack_cable_table(structure, states),
+        "loose": _loose_node_table(structure, states),
+    }
+    return {name: table for name, table in found.items() if table.rows}
+
+
+def _slack_cable_table(structure, states):
     """Return the table of the cables without tension, and of the states in which they are slack.
 
     It has the open contacts and bearings, too, if the structure has such elements.
@@ -25,10 +34,10 @@ def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState])
                 found.setdefault((label, int(k)), []).append(name)
     columns = [Column("group", "", [label for label, _ in found])]
     columns += [Column("element", "", [k for _, k in found]), _states_column(found)]
-    return make_table(_slack_words(structure).capitalize(), columns, () if found else ("none",))
+    return make_table(_slack_words(structure).capitalize(), columns)
 
 
-def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
+def _loose_node_table(structure, states):
     """Return the table of nodes that only slack elements hold, with the states where this is so.
 
     Pinned nodes, and inactive nodes of construction stages, do not count.
@@ -43,8 +52,7 @@ def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) 
         for k in np.flatnonzero(~held & attached):
             found.setdefault(int(k), []).append(name)
     columns = [Column("node", "", list(found)), _states_column(found)]
-    title = f"Nodes attached to {_slack_words(structure)} only"
-    return make_table(title, columns, () if found else ("none",))
+    return make_table(f"Nodes attached to {_slack_words(structure)} only", columns)
 
 
 def _slack_words(structure):

@@ -83,6 +83,24 @@ def test_element_values_have_one_scale(solved):
     nothing_is_cut_off(figure)
 
 
+@pytest.fixture(scope="module")
+def without_rope():
+    """The beam as it is when its rope has been removed, under either of two loads."""
+    built = jc.solve(STRUCTURE, [START, jc.Phase(removes="rope")])
+    solutions = jc.design.solve_cases(STRUCTURE, None, CASES, start=built)
+    assert int(built.status) == 0 and (solutions.status == 0).all()
+    return solutions, jc.design.envelope(STRUCTURE, solutions, NAMES)
+
+
+@pytest.mark.parametrize("of", ["displacement", "tension", "Vz"])
+def test_removed_elements_are_not_drawn(without_rope, of):
+    """The rope from (2, 2) down to the beam is the only element above 0.6 m."""
+    figure = jc.plots.envelope_diagram(STRUCTURE, without_rope[1], of, supports=False)
+    lines = [c for axes in figure.axes for c in axes.collections if isinstance(c, LineCollection)]
+    parts = [np.array(part) for c in lines for part in c.get_segments()]
+    assert len(parts) >= 4 and max(part[:, 1].max() for part in parts if len(part)) < 0.6
+
+
 POLES = jc.Beams([[0, 1], [1, 2], [3, 4], [5, 6]], section=SECTION)
 FEET = [[1.0, 0.5, 0.0], [1.0, 0.5, 5.0], [1.0, 0.0, 0.0], [1.0, 0.0, 5.0]]
 UPRIGHT = jc.Structure(

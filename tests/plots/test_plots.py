@@ -14,6 +14,8 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.text import Text
 from oracles.convergence import converged
 from PIL import Image
@@ -333,6 +335,47 @@ def test_heights_of_a_line_are_magnified_over_its_ground():
         jc.plots.net(hung, heights=0)
 
 
+def test_all_pictures_of_a_line_have_one_factor_on_heights():
+    """Level supports: heights are those of the sags, 8 m in 600 m, hence 0.3 / (8 / 600) = 22."""
+    nodes = [[0.0, 0, 20], [300.0, 0, 20], [600.0, 0, 20]]
+    spans = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=30e6, weight=15.0, rest_length=300.36)
+    line = jc.Structure(nodes, spans, jc.pinned([0, 1, 2]))
+    hung = jc.solve(line, jc.Phase(loads=jc.SelfWeight()))
+    assert int(hung.status) == 0
+    cases = jax.tree.map(lambda x: np.asarray(x)[None], hung)
+    pictures = jc.plots.for_report(line, hung, cases=cases, names=["weight"])
+    assert len(pictures) == 4
+    assert {figure.axes[0].get_ylabel() for figure in pictures.values()} == {"z (m) x 20"}
+    for low, factor in (1e-7, 1.0), (0.1, 100.0):  # rounding; 0.3 / (0.1 / 600) is 1800
+        points = np.array([[0.0, 0, 20], [300.0, 0, 20 - low], [600.0, 0, 20]])
+        assert views.choose_view(points, heights=None).heights == factor
+
+
+def test_numbers_of_the_color_bar_do_not_touch():
+    view = views.choose_view(np.array([[0.0, 0, 0], [1.0, 0, 1.0]]))
+    figure, slots = layout.arrange_pictures([view], [np.eye(3)], [""])
+    colors = ScalarMappable(Normalize(-9.4e3, 300.0))
+    layout.finish_layout(figure, slots, colors, "axial force (N)", [])
+    boxes = [
+        text.get_window_extent() for text in figure.axes[-1].get_xticklabels() if text.get_text()
+    ]
+    inside = [box for box in boxes if box.width > 0]
+    assert len(inside) >= 3
+    for left, right in itertools.pairwise(inside):
+        assert right.x0 - left.x1 > 0.3 * right.height  # a space between them
+
+
+def test_no_guy_at_a_usual_angle_is_behind_its_mast():
+    """Feet at multiples of 15 degrees are seen beside the mast, 0.1 of their distance or more."""
+    angles = np.radians(np.arange(0, 360, 15))
+    feet = np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1)
+    points = np.concatenate([feet, [[0.0, 0, 2.0]]])
+    view = views.choose_view(points, "space")
+    axes = view.add_axes(style.new_figure(3.0, 3.0, None), points, "")
+    across = np.array([-np.sin(np.radians(axes.azim)), np.cos(np.radians(axes.azim)), 0.0])
+    assert np.abs(feet @ across).min() > 0.1
+
+
 def test_a_group_that_another_one_swamps_has_its_own_colors():
     """A net of 10 to 30 kN between edges of 300 kN; then one of which no group is small."""
     group = np.array([0, 0, 1, 1, 1])
@@ -343,6 +386,9 @@ def test_a_group_that_another_one_swamps_has_its_own_colors():
     np.testing.assert_allclose(shares[:4], [100.0, 50.0, 100.0 / 3, 100.0])
     texts = [entry.get_label() for entry in scale.legend()]
     assert texts == ["edge: -300 to 150 kN", "net: 10 to 30 kN"]
+    whole = 26793.992565943103  # 100 whole / whole is above 100, by rounding
+    equal = own._replace(value=np.array([-300e3, 150e3, whole, whole, 10e3]))
+    assert element_lines.ColorScale([equal]).numbers(equal).max() == 100.0
     alike = own._replace(value=np.array([-300e3, 150e3, 100e3, 90e3, 80e3]))
     scale = element_lines.ColorScale([alike])
     assert scale.legend() == [] and scale.label == "axial force (kN), tension positive"
