@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -13,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from ..analysis.solution import Solution
 from ..common import checks
 from ..common.negligible import zero_negligible
 from ..common.units import SI, UnitsLike, as_units
@@ -23,6 +25,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
+from .element_curves import SolutionCurves
 from .element_forces import concatenate_values, values_by_group
 from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
@@ -58,6 +61,7 @@ def envelope_diagram(
     high: float = _HIGH,
     supports: bool = True,
     heights: float | None = 1.0,
+    solutions: Solution | None = None,
     units: UnitsLike | None = None,
 ) -> Figure:
     """Draw the envelope of a result over load cases on the structure, as it is in the input.
@@ -67,7 +71,7 @@ def envelope_diagram(
     - Section forces of beams, "N" to "Mz": the largest and the smallest value along each beam, to
       the sides of `diagram`; between the places of the envelope straight lines.
     - "displacement": the structure in the case that moves a node most, magnified, and thin in all
-      other cases; elements are straight between their nodes.
+      other cases; elements are straight between their nodes, but for `solutions`.
     - "tension", "sag" or another result with a number for each element: the smallest and the
       largest value as colors, in one scale.
 
@@ -84,6 +88,8 @@ def envelope_diagram(
         high: length of the largest section force over the extent of the structure.
         supports: whether to mark supports.
         heights: factor on heights in elevations, as of `net`; 1 of section forces.
+        solutions: the batch of which this is the envelope, with which displaced beams are bent and
+            catenaries hang, as in `net`.
         units: units of coordinates and values, as of `net`.
 
     Returns:
@@ -91,7 +97,8 @@ def envelope_diagram(
 
     Raises:
         ValueError: another envelope, an unknown result, or one that cannot be drawn like this; no
-            converged case; a size that is not positive; unknown units.
+            converged case; another number of solutions than of cases; a size that is not positive;
+            unknown units.
 
     A beam of 4 m under either of two loads in the middle:
 
@@ -119,12 +126,14 @@ def envelope_diagram(
         raise ValueError(f"high = {high!r}: must be positive")
     if len(envelope.failed) == len(envelope.names):
         raise ValueError("envelope: no case has converged")
+    if solutions is not None and np.shape(solutions.status) != (len(envelope.names),):
+        raise ValueError(f"solutions: must be the batch of the {len(envelope.names)} cases")
     of_beams = of in SECTION_FORCES.components
     stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights)
     if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":
-        figure, handles, slots, bar = _draw_displacements(stage, envelope)
+        figure, handles, slots, bar = _draw_displacements(stage, envelope, solutions)
     else:
         figure, handles, slots, bar = _draw_element_values(stage, envelope, of)
     if supports:
@@ -258,8 +267,11 @@ def _beams(structure, nodes):
     return np.concatenate(ends), np.concatenate(axes)
 
 
-def _draw_displacements(stage, envelope):
-    """Draw the structure in the case that moves a node most, and thin in all others."""
+def _draw_displacements(stage, envelope, solutions):
+    """Draw the structure in the case that moves a node most, and thin in all others.
+
+    With the batch `solutions`, not None, beams and catenaries are curves.
+    """
     moved = np.asarray(envelope.values["displacement"], float)
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
@@ -267,7 +279,9 @@ def _draw_displacements(stage, envelope):
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
-    points = np.concatenate([stage.nodes, every.reshape(-1, 3)])
+    curves = [_magnified_curves(stage.structure, solutions, number, factor) for number in good]
+    bends = [own.points(at) for own, at in zip(curves, every, strict=True) if own is not None]
+    points = np.concatenate([x.reshape(-1, 3) for x in (stage.nodes, every, *bends)])
     title = "displacements of all cases" + (f" x {factor:g}" if factor != 1 else "")
     figure, slots = arrange_pictures([stage.view], [points], [title])
     (axes,) = figure.axes
@@ -275,12 +289,12 @@ def _draw_displacements(stage, envelope):
     dashed: Any = {"colors": GHOST, "linewidths": 1.0, "linestyles": "--", "zorder": 1}
     stage.add_lines(axes, stage.nodes, active.any(axis=0), **dashed)
     thin: Any = {"colors": SERIES[5], "linewidths": 0.5, "alpha": 0.6, "zorder": 2}
-    for number, positions in zip(good, every, strict=True):
-        stage.add_lines(axes, positions, active[number], **thin)
+    for number, positions, bent in zip(good, every, curves, strict=True):
+        stage.add_lines(axes, positions, active[number], bent, **thin)
     width = line_width(len(stage.links))
     positions = stage.nodes + factor * moved[case]
     bold: Any = {"colors": SERIES[0], "linewidths": width, "zorder": 3}
-    stage.add_lines(axes, positions, active[case], **bold)
+    stage.add_lines(axes, positions, active[case], curves[list(good).index(case)], **bold)
     units = stage.units or SI
     small, to_small = units.small_length
     size = float(to_small) * units.from_si(float(sizes[case, node]), "m")
@@ -291,6 +305,15 @@ def _draw_displacements(stage, envelope):
         Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="input"),
     ]
     return figure, handles, slots, (None, "")
+
+
+def _magnified_curves(structure, solutions, number, factor):
+    """Return the `Curves` in a case of a batch, with bends times a factor; None without a batch."""
+    if solutions is None:
+        return None
+    case = jax.tree.map(lambda x: np.asarray(x)[number], solutions)
+    curves = SolutionCurves(case, structure).of_state(case.last)
+    return None if curves is None else curves.magnified(curves.in_initial_geometry(), factor)
 
 
 def _draw_element_values(stage, envelope, of):

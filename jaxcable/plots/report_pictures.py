@@ -78,7 +78,7 @@ def for_report(
         return found
     extremes = envelope(structure, cases, names, places=_PLACES)
     found["Displacements in all cases"] = envelope_diagram(
-        structure, extremes, "displacement", units=units, heights=heights
+        structure, extremes, "displacement", solutions=cases, units=units, heights=heights
     )
     found["Axial forces: largest and smallest over all cases"] = envelope_diagram(
         structure, extremes, "tension", units=units, heights=heights

@@ -11,6 +11,7 @@ from ..common.types import Bool, Float
 from ..common.units import SI, Units
 from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
+from .element_curves import Curves, picture_lines, select_lines
 from .ordinates import view_of_ordinates
 from .symbols import support_kinds
 from .views import View, choose_view
@@ -70,11 +71,12 @@ class UndeformedStructure:
         axes: Any,
         positions: Float[np.ndarray, "... 3"],
         which: Bool[np.ndarray, " n_elem"],
+        curves: Curves | None = None,
         **look: Any,
     ) -> LineCollection:
-        """Draw elements, those for which `which` is True, as straight lines between their nodes.
+        """Draw elements, those for which `which` is True, as lines between their nodes.
 
-        `positions` are those of the nodes, [n_node, 3], m.
+        `positions` are those of the nodes, [n_node, 3], m; lines are straight without `curves`.
         """
-        links = self.links[which[self.element]]
-        return self.view.add_lines(axes, self.view.project(positions)[links], **look)
+        lines = picture_lines(self.view, positions, (self.links, self.element), curves)
+        return self.view.add_lines(axes, select_lines(lines, which[self.element]), **look)

@@ -101,6 +101,20 @@ def test_removed_elements_are_not_drawn(without_rope, of):
     assert len(parts) >= 4 and max(part[:, 1].max() for part in parts if len(part)) < 0.6
 
 
+def test_displaced_beams_are_bent(without_rope):
+    """Halves of a beam under a force in the middle: at quarters 11/16 of what the middle moves."""
+    solutions, envelope = without_rope
+    figure = jc.plots.envelope_diagram(
+        STRUCTURE, envelope, "displacement", solutions=solutions, supports=False
+    )
+    bold = max(figure.axes[0].collections, key=lambda own: own.get_linewidth()[0])
+    (left, right) = bold.get_segments()
+    quarter = np.interp(1.0, *np.transpose(left))
+    # chords between 25 points are off by 1e-3; the slope is too small to matter, too
+    assert quarter / left[-1, 1] == pytest.approx(11 / 16, rel=3e-3)
+    np.testing.assert_allclose(right[::-1, 1], left[:, 1], rtol=1e-2, atol=1e-6)
+
+
 POLES = jc.Beams([[0, 1], [1, 2], [3, 4], [5, 6]], section=SECTION)
 FEET = [[1.0, 0.5, 0.0], [1.0, 0.5, 5.0], [1.0, 0.0, 0.0], [1.0, 0.0, 5.0]]
 UPRIGHT = jc.Structure(
@@ -161,6 +175,9 @@ def test_what_cannot_be_drawn_is_refused(solved, message):
         jc.plots.envelope_diagram(STRUCTURE, solved[1], **REFUSED[message])
     with pytest.raises(ValueError, match="envelope: expected a ResultEnvelope"):
         jc.plots.envelope_diagram(STRUCTURE, solved[0])
+    one = jax.tree.map(lambda x: np.asarray(x)[:1], solved[0])
+    with pytest.raises(ValueError, match="solutions: must be the batch of the 2 cases"):
+        jc.plots.envelope_diagram(STRUCTURE, solved[1], "displacement", solutions=one)
 
 
 def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
