@@ -82,7 +82,7 @@ class Path(ElementResults):
     peak_tension: PyTree[Float[Array, "n_inc n_elem"]] = None
     stable: Bool[Array, " n_inc"] | None = None
     motion: Float[Array, "n_inc n_row 7"] | None = None
-    displacement_in_phase: Float[Array, "n_inc n_node 3"] = None  # type: ignore[assignment]  # put in
+    displacement_in_phase: Float[Array, "n_inc n_node 3"] = None  # type: ignore[assignment]  # `PhaseResults` adds it
     results: dict[str, PyTree[Float[Array, "n_inc n_elem ..."]]] | None = None
 
 
@@ -128,7 +128,7 @@ class PhaseResult(Results):
     path: Path
     began: PyTree[Array] | None = None
     stable: Bool[Array, ""]
-    displacement_in_phase: Float[Array, "n_node 3"] = None  # type: ignore[assignment]  # put in
+    displacement_in_phase: Float[Array, "n_node 3"] = None  # type: ignore[assignment]  # `PhaseResults` adds it
 
 
 LOG_COLUMNS = (

@@ -57,7 +57,7 @@ def run(options: Namespace) -> None:
     the cause, and the exit status is 1; they are written with `options.keep` only. If the analysis
     fails at the start, nothing is written.
     """
-    _require_one_aim(options)
+    _require_target_or_limits(options)
     outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = scene.units, scene
@@ -97,7 +97,7 @@ def run(options: Namespace) -> None:
                 f"{options.save}: not written: the analysis fails with the pretension of the start"
             )
         status.raise_if_failed(failed[0])
-    slack_governs = _only_slack_governs(found, structure, options, len(ends))
+    slack_governs = _only_slack_governs(found, structure, options, bounds[1], len(ends))
     limits = describe_limits(structure, ends, options, shown, slack_governs=slack_governs)
     if options.target is None:
         description = _describe_sum(found, start, limits, options, shown)
@@ -170,7 +170,7 @@ def _start_within_bounds(start, strength, bounds, units):
     return inside, (low, high)
 
 
-def _require_one_aim(options):
+def _require_target_or_limits(options):
     """Raise BadInput unless options state a target or limits, with what goes with each of them."""
     has_limits = (options.deflection, options.lowest) != (None, None)
     if options.target is None and not has_limits:
@@ -292,13 +292,16 @@ def _minimize_pretension(structure, analyse, start, bounds, options):
     )
 
 
-def _only_slack_governs(found, structure, options, n_case):
+def _only_slack_governs(found, structure, options, upper, n_case):
     """Return whether a search has converged where, of its limits, only those on slack are active.
 
-    Their order in each of the `n_case` cases is that of `_minimize_pretension`.
+    Their order in each of the `n_case` cases is that of `_minimize_pretension`. `upper` are the
+    largest pretensions, N: one that is reached governs, too.
     """
     stated = options.target, options.lowest
     if stated != (None, None) or options.allow_slack or int(found.status) != status.OK:
+        return False
+    if bool((found.params >= (1 - ROUNDING) * upper).any()):
         return False
     multipliers = np.asarray(found.multipliers).reshape(n_case, -1)
     first = 0 if options.deflection is None else 1

@@ -143,7 +143,7 @@ def save_scene(
     if actions:
         data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
     if standard is not None:
-        data["combinations"] = _as_standard(standard, actions)
+        data["combinations"] = _checked_standard(standard, actions)
     if checks:
         require_checks(checks, structure, "checks")
         data["checks"] = [encode(x, f"checks[{k}]") for k, x in enumerate(checks)]
@@ -277,13 +277,13 @@ def _decode_parts(data, convert):
     actions = _decode_actions(data.get("actions"), structure, phases, convert)
     scene = scene.with_actions(actions) if actions else scene
     if data.get("combinations") is not None:
-        scene = scene.with_combination_rules(_as_standard(data["combinations"], actions))
+        scene = scene.with_combination_rules(_checked_standard(data["combinations"], actions))
     if data.get("checks") not in (None, []):
         scene = scene.with_checks(_decode_checks(data["checks"], structure, convert))
     return scene
 
 
-def _as_standard(name, actions):
+def _checked_standard(name, actions):
     """Return the name of a standard of combinations; ValueError for another, or without actions."""
     if name not in names_of_standards():
         known = ", ".join(names_of_standards())

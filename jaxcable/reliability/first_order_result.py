@@ -76,8 +76,9 @@ class FirstOrder:
         curvature: smallest principal curvature of the distance along the surface at the design
             point, ``1 + beta lambda`` with the least eigenvalue ``lambda`` of ``d2G/du2 / |dG/du|``
             in the tangent plane: 1 for a plane, 0 for a sphere around the origin. Near 0 the
-            surface bends around the origin, and the probability to first order is too small. NaN if
-            the limit state is not finite beside the point.
+            surface bends around the origin, and the probability to first order is too small. It is
+            not the sum of all curvatures: of many quantities those add up. NaN if the limit state
+            is not finite beside the point.
         points: all design points found, as `DesignPoints`.
         last_point: values by name where the search ended, whatever its status.
         limit_states: names of the limit states: those of the dict, "0", "1" and so on of a vector,

@@ -2,12 +2,14 @@
 
 import json
 import shlex
+from argparse import Namespace
 
 import numpy as np
 import pytest
 
 import jaxcable as jc
 from jaxcable.__main__ import main
+from jaxcable.cli import optimize
 
 Action = jc.design.Action
 NODES = [[0.0, 0.0, 0.0], [3.0, 0.0, -0.3], [6.0, 0.0, 0.0]]
@@ -141,6 +143,23 @@ def stayed_mast():
         for name, pull in (("west", -10e3), ("east", 6e3))
     ]
     return structure, jc.Phase(pretension={"stays": 20e3}), winds
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "upper", "expected"),
+    [
+        ([0.0, 1.0, 0.0, 0.0], 10.0, True),
+        ([0.0, 1.0, 0.0, 0.0], 5.0, False),  # a pretension is at its bound, such as the strength
+        ([0.5, 1.0, 0.0, 0.0], 10.0, False),  # displacement
+        ([0.0, 1.0, 0.0, 0.5], 10.0, False),  # strength
+        ([0.0, 0.0, 0.0, 0.0], 10.0, False),
+    ],
+)
+def test_slack_governs_where_no_other_limit_is_active(multipliers, upper, expected):
+    found = Namespace(status=0, params=np.array([5.0, 3.0]), multipliers=np.array(multipliers))
+    options = Namespace(target=None, lowest=None, allow_slack=False, deflection=0.1)
+    given = found, stayed_mast()[0], options, upper, 1
+    assert optimize._only_slack_governs(*given) == expected
 
 
 def test_optimize_keeps_cables_taut_unless_they_may_be_slack(folder, capsys):
