@@ -134,12 +134,12 @@ def describe_limits(
             lines[-1] += "; no other limit governs, and --lowest FORCE keeps more"
     used = _extreme_element(structure, ends, lambda end: _utilizations(structure, end), 1)
     if used is not None:
-        reached = f"{used[0]:.3g}, {used[1]}"
+        most = f"{used[0]:.3g}, {used[1]}"
         if options.target is None:
             verdict = _limit_verdict(used[0] - 1.0)
-            lines.append(f"limit on the strength: utilization 1, reached {reached}: {verdict}")
+            lines.append(f"limit on the strength: utilization 1, reached {most}: {verdict}")
         elif used[0] > 1.0 + ROUNDING:  # a target has no limits
-            lines.append(f"STRENGTH EXCEEDED: largest utilization {reached}")
+            lines.append(f"STRENGTH EXCEEDED: largest utilization {most}")
     return lines
 
 

@@ -7,7 +7,6 @@ from banks.problems import random_net, unbalanced
 import jaxcable as jc
 
 # structures of random forces, some of which move far
-# starts are thrown about, far beyond the nets: the warning is right, and not what these tests are of
 pytestmark = pytest.mark.filterwarnings("ignore:node .* has moved")
 
 SPREAD = 3.0  # m, standard deviation of a random start; the nets are 2 to 6 m wide
