@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -98,6 +98,13 @@ class ElementState:
                 "`has_length` needs"
             )
         return self.rest_length
+
+    def weighed_anew(self) -> Self:
+        """Return the state at the start of a phase: weight and loads act on the unstressed length.
+
+        The default is the state as it is, for elements whose `load_bearing_length` is that already.
+        """
+        return self
 
     @property
     def line_load(self) -> Float[Array, "n_elem 3"] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -63,7 +63,7 @@ class AxialState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
-    def weighed_anew(self) -> AxialState:
+    def weighed_anew(self) -> Self:
         """Return the state at the start of a phase: weight and loads act on the unstressed length.
 
         In the phase of a jack they act on the length before, and from then on on that which it has

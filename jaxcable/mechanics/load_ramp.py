@@ -22,7 +22,6 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import interpolate, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
-from ..elements.prestress import AxialState
 from ..elements.statement import StatedValues
 from ..loads.varying import Amplitude
 from ..spaces import space_of
@@ -140,8 +139,7 @@ class LoadRamp:
         for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
             end_state = jack = None
             known = statements_of(group)
-            if isinstance(state, AxialState):
-                state = state.weighed_anew()
+            state = state.weighed_anew()
             if "jacking" in statements:
                 force = evaluate_elements("tension", group, state, nodes, restart.motion)
                 jack = (force, statements["jacking"])
