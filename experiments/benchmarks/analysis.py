@@ -3,12 +3,11 @@
 Reads a case as a line of JSON from stdin, and answers with a line of JSON. Keys of a case, all but
 the first optional:
 
-    scene         name of a ready scene, "saddle 20" (20 x 20 free nodes), "phases 8" (the flat net
-                  in 8 phases) or "bare"; with " fused" after it, `jaxcable.fuse_loops` comes first
+    scene         name of a ready scene, "saddle 20" (20 x 20 free nodes) or "bare"; with
+                  " fused" after it, `jaxcable.fuse_loops` comes first
     load          N, down on each free node of a saddle
-    kinds         of "plain" (`solve` as it is), "jitted" (a number of its results inside of
-                  `jax.jit`), "gradient" (the same with its gradient) and "after" (that gradient
-                  outside of `jax.jit`, after a plain call that is not timed); default "jitted"
+    kinds         of "jitted" (a number of its results inside of `jax.jit`; the default) and
+                  "gradient" (the same with its gradient)
     of            what they are functions of: "nodes" (sum of squared displacements, the default) or
                   "pretension" (deflection of the middle of a saddle)
     repeats       warm calls of each kind by turns; default 0
@@ -17,8 +16,8 @@ the first optional:
     cases, chunk, devices         of a batch of random loads, the devices made of one processor
     platform, dtype               "cpu" or "gpu"; "float64" (default) or "float32"
 
-Answer: of each kind first_s (until the first result) and ms (list, warm); of what is jitted stages
-(seconds to trace, lower, compile) and lines (of StableHLO); peak_MB (largest resident memory, with
+Answer: of each kind first_s (until the first result), ms (list, warm), stages (seconds to trace,
+lower, compile) and lines (of StableHLO); peak_MB (largest resident memory, with
 the first kind and with all); status, and with pretensions z_middle, iterations, factorizations,
 residual (relative, largest of the phases) and slack; the pieces: assembly_ms (residual and
 tangent), factor_ms, solve_ms (of the loaded state, outside of jax). Of a batch: us_a_case and
@@ -70,12 +69,6 @@ def scene_of(case):
     if name == "saddle":
         options = {} if case["load"] is None else {"load": case["load"]}
         structure, phases = jc.scenes.saddle(int(words[0]), int(words[0]), **options)
-    elif name == "phases":
-        structure, (prestress, loading) = jc.scenes.flat_net(load=15.0)
-        count = int(words[0]) - 1
-        part = np.asarray(loading.loads.forces) / count
-        load = jc.Phase(loads=jc.NodalLoads(loading.loads.nodes, part), increments=1)
-        phases = [prestress] + [load] * count
     else:
         structure, phases = scenes.EVERY[name]()
     return jc.replace(structure, nodes=np.asarray(structure.nodes, case["dtype"])), phases
@@ -131,22 +124,17 @@ def analyses(case):
             return solution.displacement[middle, 2], (solution.tension, solution.status)
         return jnp.sum(solution.displacement**2), solution.status
 
-    both = jax.value_and_grad(number, has_aux=True)
-    kinds = {"plain": solve, "jitted": number, "gradient": both, "after": both}
+    kinds = {"jitted": number, "gradient": jax.value_and_grad(number, has_aux=True)}
     answer, functions, peaks = {}, [], []
     for kind in case["kinds"]:
-        function, told = kinds[kind], {}
-        if kind == "after":
-            jax.block_until_ready(solve(start))
         begin = time.perf_counter()
-        if kind in ("jitted", "gradient"):
-            start = jnp.asarray(start)
-            function, told = compiled(jax.jit(function), start)
+        start = jnp.asarray(start)
+        function, told = compiled(jax.jit(kinds[kind]), start)
         result = jax.block_until_ready(function(start))
         answer[kind] = {"first_s": time.perf_counter() - begin, **told}
         functions.append(function)
         peaks.append(peak())
-    status = result.status if kind == "plain" else result[1] if kind == "jitted" else result[0][1]
+    status = result[1] if kind == "jitted" else result[0][1]
     answer["status"] = int(status[1] if by_pretension else status)
     warm = by_turns(functions, case["repeats"], lambda k: start * (1 + 1e-8 * k))
     for kind, own in zip(case["kinds"], warm.T, strict=True):

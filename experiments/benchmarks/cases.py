@@ -11,7 +11,6 @@ class Cases(NamedTuple):
         solvers: of these nets, with the largest side that each of them has.
         batches: load cases of a net of 48 unknowns, plain and with fused loops.
         hard: free nodes on a side of the net with slack cables.
-        first_calls: scenes whose first call is measured, by the name in the table.
         evaluated: scenes whose first calls outside of jit are measured; the first in all kinds.
         compiled: those that are measured with XLA alone, too.
         called: scenes and kinds of which many calls are measured.
@@ -37,7 +36,6 @@ class Cases(NamedTuple):
     solvers: dict
     batches: tuple
     hard: int
-    first_calls: dict
     evaluated: tuple
     compiled: tuple
     called: tuple
@@ -65,29 +63,13 @@ FULL = Cases(
     solvers={"pardiso": 577, "cholmod": 200, "superlu": 200},
     batches=(100, 1000, 10_000, 100_000),
     hard=100,
-    first_calls={
-        "flat net": "flat_net",
-        "hypar": "hypar_net",
-        "saddle 4 x 4": "saddle 4",
-        "saddle 4 x 4, fused": "saddle 4 fused",
-        "cable truss": "cable_truss",
-        "Geiger dome": "geiger_dome",
-        "isolated cable": "isolated_cable",
-        "suspended cable": "suspended_cable",
-        "strung arch": "strung_arch",
-        "guyed mast": "guyed_mast",
-        "bridge in stages": "cable_stayed_bridge",
-        "flat net, 2 phases": "phases 2",
-        "flat net, 8 phases": "phases 8",
-        "flat net, 32 phases": "phases 32",
-    },
     evaluated=(
         *("flat_net", "hypar_net", "geiger_dome", "isolated_cable", "suspended_cable"),
         *("strung_arch", "guyed_mast", "cable_stayed_bridge"),
     ),
     compiled=("flat_net", "guyed_mast"),
-    called=(("flat_net", "plain"), ("guyed_mast", "plain")),
-    evaluated_calls=(1, 3, 10, 100),
+    called=(("flat_net", "plain"), ("guyed_mast", "plain"), ("flat_net", "batch")),
+    evaluated_calls=(1, 3, 10, 100, 1000),
     nets=500,
     gradients={2: 201, 10: 61, 20: 61},
     increments=(1, 10, 100),
@@ -110,7 +92,6 @@ QUICK = Cases(
     solvers={"superlu": 200},
     batches=(10,),
     hard=4,
-    first_calls={"flat net": "flat_net"},
     evaluated=("flat_net",),
     compiled=(),
     called=(("flat_net", "plain"),),
