@@ -39,7 +39,8 @@ def run(cases, _):
     ways += [(scene, "xla", how) for scene in cases.compiled for how in (", compiled", ", kept")]
     for scene, way, how in ways:
         with tempfile.TemporaryDirectory() as folder:
-            first_calls(say, rows, scene + how, scene, KINDS, way=way, kept=how[2:] and folder)
+            kept = folder if how == ", kept" else ""
+            first_calls(say, rows, scene + how, scene, KINDS, way=way, kept=kept)
     for kind in OF_THE_FIRST if len(cases.evaluated) > 1 else OF_THE_FIRST[:1]:
         label = "footbridge, tune" if kind == "tune" else f"{cases.evaluated[0]}, {kind}"
         first_calls(say, rows, label, cases.evaluated[0], [kind], way="auto")
