@@ -1,5 +1,7 @@
 """The map of the rooms in CONTRIBUTING.md, drawn from the imports: `python tests/rooms.py`.
 
+`python tests/rooms.py --lines` writes their code lines as budgets to `budgets.toml`.
+
 Rooms in the order in which data flows: a room imports only from those above it. Of the rooms that
 it imports the map names those that it does not also get by way of others.
 """
@@ -69,6 +71,21 @@ def drawn():
     return "\n".join(lines) + "\n"
 
 
+def code_lines():
+    """Count the lines of code of the rooms: all but docstrings, imports, comments, empty lines."""
+    found = dict.fromkeys(["package", *rooms()], 0)
+    for path, tree in trees().items():
+        left_out = set()
+        for node in ast.walk(tree):
+            is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            if is_text or isinstance(node, ast.Import | ast.ImportFrom):
+                left_out.update(range(node.lineno, node.end_lineno + 1))
+        lines = enumerate(path.read_text().splitlines(), start=1)
+        count = sum(k not in left_out and text.strip()[:1] not in ("", "#") for k, text in lines)
+        found["package" if path.parent == PACKAGE else path.parent.name] += count
+    return found
+
+
 def parts():
     """Text of CONTRIBUTING.md before the map, the map, and what follows."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
@@ -76,7 +93,17 @@ def parts():
     return before, *rest.split(END)
 
 
-if __name__ == "__main__":
+def write_budget():
+    """Write the lines of all rooms as their budgets."""
+    path = ROOT / "tests" / "budgets.toml"
+    before = path.read_text().split('["code lines"]\n')[0]
+    rows = "".join(f"{room} = {count}\n" for room, count in code_lines().items())
+    path.write_text(f'{before}["code lines"]\n{rows}')
+
+
+if __name__ == "__main__" and "--lines" in sys.argv:
+    write_budget()
+elif __name__ == "__main__":
     before, _, after = parts()
     (ROOT / "CONTRIBUTING.md").write_text(before + BEGIN + drawn() + END + after)
     sys.stdout.write(drawn())

@@ -19,6 +19,7 @@ import numpy as np
 
 from jaxcable.common import jax_internals as internals
 from jaxcable.programs.evaluator import count_equations, write_program
+from jaxcable.programs.rules import RULES
 from jaxcable.programs.writing import inner_jaxprs
 
 try:
@@ -51,7 +52,7 @@ class SmallProgram:
 
     def __init__(self, jaxpr):
         self.calls, self.run = 0, None
-        others = jaxpr.effects or primitives(jaxpr.jaxpr) & LEFT_TO_XLA
+        others = jaxpr.effects or not primitives(jaxpr.jaxpr) <= RULES.keys() - LEFT_TO_XLA
         if others or count_equations(jaxpr) > MOST_EQUATIONS:
             return
         with contextlib.suppress(NotImplementedError):

@@ -34,7 +34,8 @@ class Snapshot:
         displacement: displacement from there, [n_node, 3], m.
         element_results: dict from name to results, each in the shape of the elements.
         forces: `ElementForces` at this instant.
-        fixed: which degrees of freedom supports hold, [n_node, 3 or 6] bool.
+        fixed: which degrees of freedom supports hold, [n_node, 3 or 6] bool; none of nodes all of
+            whose elements are inactive.
         rotates: which nodes have rotations, [n_node] bool; None if unknown.
         on_ground: which nodes have springs to the ground or bearings, [n_node] bool.
         curves: `Curves` of beams and hanging cables, or None.
@@ -224,10 +225,15 @@ class Snapshots:
         """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
-        on_ground = np.zeros(len(displacement), bool)
-        for part in self.parts:
-            if part.links.shape[1] == 1:
-                on_ground[part.links.array] = True
+        ends = np.cumsum([len(part.links) for part in self.parts])[:-1]
+        touched, active, on_ground = np.zeros((3, len(displacement)), bool)
+        for part, there in zip(self.parts, np.split(forces.present, ends), strict=True):
+            nodes = part.links.array
+            touched[nodes], active[nodes[there]] = True, True
+            if nodes.shape[1] == 1:
+                on_ground[nodes[there]] = True
+        # supports of elements that are not there hold nothing
+        fixed = fixed & (active | ~touched)[:, None]
         within = (
             self._curves.initial_positions,
             displacement,

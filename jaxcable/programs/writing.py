@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..common import jax_internals as internals
@@ -48,12 +50,36 @@ def write_equations(
         name = equation.primitive.name
         write = RULES.get(name)
         if write is None:
-            if equation.primitive not in internals.functions_of_primitives:
-                raise NoRuleError(name)
-            write = RULES["traced"]
+            known = equation.primitive in internals.functions_of_primitives
+            write = RULES["traced"] if known else write_compiled
         found = write(block, equation, [read(x) for x in equation.invars])
         values.update(zip(equation.outvars, found, strict=True))
     return [read(x) for x in jaxpr.outvars]
+
+
+def write_compiled(block: Block, equation: Any, inputs: Sequence[Value]) -> list[Value]:
+    """Write a call of the XLA program of one equation, which has no rule.
+
+    Raises:
+        NoRuleError: it has programs in its parameters, or effects: the whole program is compiled.
+    """
+    if inner_programs(equation) or equation.effects:
+        raise NoRuleError(equation.primitive.name)
+    avals = [x.aval for x in equation.outvars]
+    for aval in avals:
+        numpy_dtype(aval)
+    compiled = jax.jit(functools.partial(equation.primitive.bind, **equation.params))
+
+    def compute(*arrays):
+        found = compiled(*arrays)
+        found = found if equation.primitive.multiple_results else [found]
+        return [np.asarray(x) for x in found]
+
+    name = block.names.new("x")
+    block.names.space[name] = compute
+    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
+    text, full = f"{name}({places})", [block.full(x) for x in inputs]
+    return block.write_call(text, full, avals, pure=True)
 
 
 def write_callable(

@@ -158,3 +158,22 @@ def test_the_command_line_counts_them(hung, tmp_path, capsys):
     text = capsys.readouterr().out
     assert "adds row (element 1 of 2)" in text and "removes aid\n" in text
     assert text.count("3 of 3 elements active") == 1
+
+
+def test_supports_of_elements_that_are_not_there_are_not_marked():
+    """A prop that is added, and a stay that is removed then."""
+    nodes = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, -3.0], [0.0, 0.0, 5.0]]
+    groups = {
+        "stay": jc.Cables([[1, 3]], axial_stiffness=1e7),
+        "deck": jc.Bars([[0, 1]], axial_stiffness=1e8),
+        "prop": jc.Bars([[1, 2]], axial_stiffness=1e8),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0, 2, 3]) + jc.restrained([1], "y"))
+    load = jc.NodalLoads([1], (0.0, 0.0, -1e3))
+    solution = jc.solve(
+        structure, [jc.Phase(loads=load), jc.Phase(adds="prop"), jc.Phase(removes="stay")]
+    )
+    jc.raise_if_failed(solution)
+    shots = Snapshots(solution, structure)
+    pinned = [np.flatnonzero(shots.after_phase(k).support_kinds(None)[1]) for k in range(3)]
+    assert [nodes.tolist() for nodes in pinned] == [[0, 3], [0, 2, 3], [0, 2]]

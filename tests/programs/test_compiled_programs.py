@@ -148,8 +148,15 @@ def _tune():
         repr(tune(cross(), LOADED, [(0, "pretension")], [wanted], steps=2))
 
 
+def _path_of_beams():
+    """Their tangent is not symmetric: its null vectors are singular ones, for which is no rule."""
+    pushed = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -1e3)))
+    assert int(jc.trace_path(cantilever(jc.Elastic(2e11)), pushed, steps=3).status) >= 0
+
+
 CALLS = {
     "path": (lambda: repr(jc.trace_path(*jc.scenes.von_mises_truss(), steps=4)), 0),
+    "path of beams": (_path_of_beams, 0),
     "force density": (lambda: jc.force_density(cross(), 10.0, loads=LOAD), 0),
     "form": (lambda: jc.find_form(cross(), tension=10.0), 0),
     "tune": (_tune, 0),

@@ -223,11 +223,22 @@ def test_ways_can_be_set(compilations):
         jc.evaluation("fast")
 
 
-def test_a_primitive_without_a_rule_is_compiled(compilations):
-    program = Program(lambda x: jnp.linalg.svd(x, compute_uv=False), [np.eye(2)])
-    for _ in range(2):
-        np.testing.assert_allclose(program.run([2 * np.eye(2)])[0], [2.0, 2.0])
-    assert len(compilations) == 1
+def test_an_operation_without_a_rule_is_compiled_alone(compilations):
+    """Singular values, in a loop that NumPy runs."""
+
+    def scaled(x):
+        return lax.fori_loop(
+            0, 3, lambda k, y: y / jnp.linalg.svd(y, compute_uv=False)[0] + k * jnp.eye(2), x
+        )
+
+    program = Program(scaled, [np.eye(2)])
+    for factor in (1.0, 2.0):
+        y = np.array([[factor, 3.0], [-1.0, 2.0]])
+        found = program.run([y])[0]
+        for k in range(3):
+            y = y / np.linalg.norm(y, 2) + k * np.eye(2)
+        np.testing.assert_allclose(found, y, rtol=1e-14)
+    assert len(compilations) == 1 and program.work > 0
 
 
 def test_a_program_of_another_size_of_a_batch_is_none_of_its_own(compilations):
