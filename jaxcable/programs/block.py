@@ -67,8 +67,7 @@ class Names:
     """Names of a program, and what they stand for.
 
     Attributes:
-        space: the globals of its functions.
-        known: values of constants, by name.
+        space: the globals of its functions, with the values of constants.
     """
 
     def __init__(
@@ -80,7 +79,6 @@ class Names:
         self.space = dict(functions)
         self.make_function, self._n_call = make_function, n_call
         self._functions: dict[int, Any] = {}  # with the program, so that it stays
-        self.known: dict[str, Any] = {}
         self._count = itertools.count()
         self._by_content: dict[Any, Value] = {}
         self._helpers: dict[Any, str] = {}
@@ -103,9 +101,13 @@ class Names:
         found = self._by_content.get(key)
         if found is None:
             name = self.new("c")
-            self.space[name] = self.known[name] = x if x.ndim else x[()]
+            self.space[name] = x if x.ndim else x[()]
             found = self._by_content[key] = Value(name, shape, x.dtype, held, 0)
         return found._replace(shape=shape)
+
+    def repeated(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the array of a shape that a constant stands for, which NumPy would broadcast."""
+        return np.array(np.broadcast_to(self.space[name], shape))
 
     def function(self, program: Any) -> str:
         """Return the name of the function that computes a jaxpr, written at its first call."""
@@ -283,9 +285,7 @@ class Block:
         if x.shape is None or x.held == x.shape:
             return x
         if x.depth == 0:
-            held = np.broadcast_to(self.names.known[x.name], x.shape)
-            name = self.names.new("c")
-            self.names.space[name] = self.names.known[name] = np.array(held)
+            name = self.names.helper(self.names.repeated, x.name, x.shape)
             return Value(name, x.shape, x.dtype, x.shape, 0)
         ones = self.names.helper(np.ones, x.shape, x.dtype)
         sign = "&" if np.dtype(x.dtype) == bool else "*"

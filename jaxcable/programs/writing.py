@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from .block import Block, Names, Value
-from .rules import RULES, NoRuleError, numpy_dtype
+from .rules import RULES, NoRuleError, numpy_dtype, places
 
 _INLINE = 40  # equations up to which a function or branch is written where it is called
 
@@ -68,10 +68,8 @@ def write_callable(
     if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
         return write_equations(block, jaxpr, constants, inputs)
     name = block.names.function(program)
-    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
-    pure = not jaxpr.effects
-    text = f"{name}(w,{places})" if inputs else f"{name}(w)"
-    return block.write_call(text, [block.full(x) for x in inputs], avals, pure)
+    text, full = f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs]
+    return block.write_call(text, full, avals, pure=not jaxpr.effects)
 
 
 def count_calls(program: Any) -> dict[int, int]:
