@@ -85,7 +85,7 @@ def _scan(block, equation, inputs):
     ys = [_variable(block, aval) for aval in stacked]
     for own, value in zip(ys, found[n_carry:], strict=True):
         block.allocate(own)
-        body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
+        body.lines.append(f"{own.name}[{index.name}]={value.name}")
     _end_carry(body, carried, changing, found[:n_carry])
     order = f"range({length - 1},-1,-1)" if given["reverse"] else f"range({length})"
     return [*_end_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
@@ -94,7 +94,7 @@ def _scan(block, equation, inputs):
 def _end_loop(block, body, header, carried, changing):
     """Write a loop with its body; return the values of carried variables after it."""
     body.count_turns()
-    block.statement(header, (), body, [x.name for x in changing])
+    block.lines.append((header, body))
     return [x._replace(depth=block.depth) if x in changing else x for x in carried]
 
 
@@ -114,7 +114,7 @@ def _while(block, equation, inputs):
     (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
     goes_on = body.full(goes_on)
     any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
-    body.statement(f"if not {any_}: break", (goes_on.name,))
+    body.lines.append(f"if not {any_}: break")
     found = write_equations(body, jaxpr, constants, [*for_body, *carried])
     if goes_on.shape:  # of a batch: cases that have ended stay
         cases = len(goes_on.shape)
@@ -159,7 +159,7 @@ def _cond(block, equation, inputs):
         last = k == len(branches) - 1
         sign = "<=" if k == 0 else "=="
         header = "else:" if last else f"{'if' if k == 0 else 'elif'} {which.name}{sign}{k}:"
-        block.statement(header, (which.name,), own, names)
+        block.lines.append((header, own))
     return results
 
 
@@ -222,7 +222,7 @@ def _write_host_call(block, function, inputs, avals, pure, copies=False):
     inputs = [block.full(x) for x in inputs]
     found = block.write_call(f"{helper}({places(inputs)})", inputs, avals, pure)
     if not pure:  # the call does not begin again after it: what was heard would be heard twice
-        block.statement("w[1]=np.inf", ())
+        block.lines.append("w[1]=np.inf")
     return found
 
 

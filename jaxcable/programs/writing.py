@@ -107,7 +107,7 @@ def make_function(names: Names, program: Any) -> Callable[..., Any]:
         found = [block.full(x) for x in write_equations(block, jaxpr, constants, inputs)]
     name, arguments = names.new("f"), ",".join(["w", *(x.name for x in inputs)])
     lines = [f"def {name}({arguments}):", f" w[0]+={round(block.work, 1)}"]
-    lines += [" " + line for line in block.render(found)]
+    lines += block.render(" ")
     lines.append(f" return ({''.join(x.name + ',' for x in found)})")
     exec(compile("\n".join(lines), f"<jaxcable program {name}>", "exec"), names.space)
     return names.space[name]
