@@ -306,11 +306,8 @@ def quick_compile_options() -> dict[str, Any] | None:
     They choose XLA's older code generator for CPUs. Its programs are as fast for some hundred
     unknowns, and take up to half as long again for thousands. jax 0.10 has it; 0.12 has none.
 
-    Nothing else is worth it (measured with 0.10.2 and 0.12.0.1): with
-    ``xla_backend_optimization_level=0`` the compiler needs 0.4 to 0.7 of its time, but programs run
-    1.2 to 2.5 times as long; level 1 saves a tenth and runs take up to 7 % longer; other numbers of
-    parts compiled in parallel, schedulers and instruction sets change nothing; XLA's preset for
-    fast compilation takes longer; without its HLO passes the process dies.
+    Nothing else is worth it (measured with 0.10.2 and 0.12.0.1): lower optimization levels, other
+    numbers of parts compiled in parallel, schedulers, instruction sets, XLA's preset.
     """
     options = {"xla_cpu_use_fusion_emitters": False}
     if jax.default_backend() != "cpu":

@@ -7,6 +7,7 @@ and ``take(array, prepared)``.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def _fill_value(value, dtype):
 
 # --- scatters
 
-_OPERATIONS = {"": None, "add": np.add, "sub": np.subtract, "mul": np.multiply}
+_OPERATIONS: dict[str, Any] = {"": None, "add": np.add, "sub": np.subtract, "mul": np.multiply}
 _OPERATIONS |= {"min": np.minimum, "max": np.maximum}
 
 
