@@ -23,7 +23,7 @@ from ..common.fusion import are_loops_fused, usable_cores
 from ..common.jax_internals import is_untransformed
 from ..common.types import Array, PyTree
 from ..programs.known import KnownPrograms
-from ..programs.program_calls import as_program, shape_of_case
+from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 
 _CASES_AXIS = "cases"
@@ -86,7 +86,8 @@ def batched(
 
     def mapped(*cases):
         count = _count_cases(cases)
-        one = jax.tree.map(lambda x: shape_of_case(jax.typeof(x)), cases)
+        avals = jax.tree.map(jax.typeof, cases)
+        one = jax.tree.map(lambda x: x.update(shape=x.shape[1:]), avals)
         traced = trace_function(function, *one)
         if devices is not None or not _are_numbers(cases) or not is_untransformed():
             key = traced.equations, *options

@@ -25,7 +25,7 @@ from ..programs.program_calls import as_program
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import change_of_solution
+from .recalled_derivative import recalled_results
 from .solution import Solution, State
 from .states import arrange_solution
 
@@ -79,20 +79,31 @@ class MeasuredAnalysis:
 
         values, push = jax.linearize(moved, x)
         leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(self._task))
-        for k, value in zip(moving, values, strict=True):
-            leaves[k] = value
-        core = tree.unflatten(leaves)
-        given = {"bundles": self._task.bundles}
+        bundles = self._task.bundles
+
+        def core(values):
+            """Return the arguments of the analysis with some values of those that are traced."""
+            own = dict(zip(moving, values, strict=True))
+            return tree.unflatten([own.get(k, leaf) for k, leaf in enumerate(leaves)])
+
         # the program of `solve`
-        solution, points = analyse(*core, differentiate_path=False, listen=None, **given)
+        solution, points = analyse(
+            *core(values), differentiate_path=False, listen=None, bundles=bundles
+        )
+        wanted = _float_results_of_phases(solution, self.names)
+        every_result = jax.tree.leaves(solution)
+        known = [every_result[k] for k in wanted]
+
+        def results(values):
+            given = {"bundles": bundles, "wanted": wanted, "value": known}
+            return recalled_results(core(values), points, **given)
+
+        _, push_results = jax.linearize(results, values)
         together = min(x.size, _MAX_DIRECTIONS)
         every = np.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
-        given |= {"moving": moving, "wanted": _float_results_of_phases(solution, self.names)}
-        axes = *(None,) * len(jax.tree.leaves((core, points))), *(0,) * len(moving)
         columns = []
         for k in range(0, x.size, together):
-            changes = jax.vmap(push)(every[k : k + together])
-            changed = change_of_solution(core, points, changes, axes=axes, **given)
+            changed = jax.vmap(push_results)(jax.vmap(push)(every[k : k + together]))
             found, column = self._measured(solution, changed)
             columns.append(np.asarray(column))
         return found, np.concatenate(columns)[: x.size].T, solution.status

@@ -115,7 +115,7 @@ def solve(
     jacked = any(one.jacking is not None or one.end_tension is not None for one in phases)
     plausibility.warn_of_collapse(solution, jacked)
     if known is not None:
-        solution = attach_recalled_derivative(solution, core, points, task)
+        solution = attach_recalled_derivative(solution, core, points, task.bundles)
     return arrange_solution(structure, solution, task)
 
 

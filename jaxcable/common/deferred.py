@@ -25,8 +25,6 @@ def deferred(function: Callable[..., Tree], like: Tree) -> Callable[..., Tree]:
         function: it must not close over traced values; their indices may be traced.
         like: a pytree of arrays in the shapes and dtypes of its result.
     """
-    if _DEFERRED is None:
-        return function
     split, slots = split_indices(like)
     values, shape = jax.tree.flatten(split)
     shapes = tuple(internals.abstract_argument(x) for x in values)
@@ -63,15 +61,7 @@ def _shapes(*_, function, shapes):
 
 def _jvp(primals, tangents, *, function, shapes):
     """Forward derivative: that of the function, which is traced."""
-    moving = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
-
-    def some(*values):
-        at = list(primals)
-        for k, x in zip(moving, values, strict=True):
-            at[k] = x
-        return function(*at)
-
-    return jax.jvp(some, [primals[k] for k in moving], [tangents[k] for k in moving])
+    return internals.differentiate_moving(function, primals, tangents)
 
 
 def _batch(arguments, axes, *, function, shapes):

@@ -16,7 +16,6 @@ import hashlib
 import os
 import re
 import sys
-import sysconfig
 import types
 import weakref
 from collections.abc import Callable, Iterator
@@ -280,19 +279,10 @@ def is_of_library(module: str | None) -> bool:
     package = (module or "builtins").partition(".")[0]
     if package in sys.stdlib_module_names or package in ("builtins", "jaxcable"):
         return True
-    file = getattr(sys.modules.get(package), "__file__", None)
-    if file is None:
-        return False
-    file = os.path.realpath(file)
-    installed = {"site-packages", "dist-packages"} & set(file.split(os.sep))
-    return bool(installed) or file.startswith(_library_folders())
-
-
-@functools.cache
-def _library_folders():
-    """Return the folders of installed libraries."""
-    folders = (sysconfig.get_path(name) for name in ("purelib", "platlib"))
-    return tuple(os.path.join(os.path.realpath(folder), "") for folder in folders)
+    folders = os.path.realpath(getattr(sys.modules.get(package), "__file__", None) or "").split(
+        os.sep
+    )
+    return not {"site-packages", "dist-packages"}.isdisjoint(folders)
 
 
 def _digest_of_array(value):

@@ -8,7 +8,6 @@ spends half of its time between functions. The limit is a flag of XLA, read when
 
 from __future__ import annotations
 
-import contextlib
 import os
 import warnings
 
@@ -19,7 +18,6 @@ from .jax_internals import (
     TESTED,
     fusion_flag,
     has_xla_started,
-    warn_missing_feature,
     xla_flags_in_effect,
 )
 
@@ -49,8 +47,7 @@ def fuse_loops() -> None:
     refused = _reason_against_fusion()
     if refused:
         warnings.warn(f"fuse_loops: {refused}", RuntimeWarning, stacklevel=2)
-    elif request_fused_loops() and has_xla_started() is None:
-        warn_missing_feature("started")
+    request_fused_loops()
 
 
 def request_fused_loops() -> bool:
@@ -58,8 +55,7 @@ def request_fused_loops() -> bool:
     if _reason_against_fusion():
         return False
     if not has_xla_started():
-        with contextlib.suppress(AttributeError):  # it is not in every version of jax
-            jax.config.update("jax_cpu_enable_async_dispatch", False)
+        jax.config.update("jax_cpu_enable_async_dispatch", False)
         flag = fusion_flag(_BYTES)
         if flag is not None and not are_loops_fused():
             os.environ["XLA_FLAGS"] = _add_flag_option(os.environ.get("XLA_FLAGS", ""), *flag)

@@ -1,8 +1,8 @@
-"""Names of jax and XLA that may change from version to version, each with what replaces it.
+"""Names of jax and XLA that may change from version to version.
 
-All that the package takes from jax beyond its documented interface, and the options of XLA. A name
-that is missing costs speed, never a result: `warn_missing_feature` says once what is lost. The
-names were there in jax 0.10 to 0.12 (`TESTED`). Without jax 0.10 some of it is needless:
+All that the package takes from jax beyond its documented interface, and the options of XLA. The
+names were there in jax 0.10 to 0.12 (`TESTED`), and the package can be installed with no other
+version; the tests run with jax of the night. Without jax 0.10 some of it is needless:
 
 - `define_primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
   reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no reverse
@@ -16,59 +16,32 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import os
-import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import jaxlib.version
 import numpy as np
+from jax._src import config, xla_bridge
+from jax._src.core import trace_ctx
+from jax._src.util import weakref_cache_key_types
+from jax.experimental.compilation_cache.compilation_cache import reset_cache
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.interpreters import ad, batching, mlir
+from jax.interpreters.partial_eval import dce_jaxpr, dce_rules
+from jaxlib.xla_client import batched_device_put
 
+_T = TypeVar("_T")
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
-
-_LOSSES = {
-    "primitives": "jax.extend.core.Primitive and jax.interpreters: derivatives are traced with "
-    "every analysis, which takes longer to compile, and no analysis is compiled to a single "
-    "function",
-    "cache": "jax.experimental.compilation_cache: jax does not keep programs if it has compiled "
-    "one before",
-    "started": "jax._src.xla_bridge.backends_are_initialized: loops are not fused if jax has "
-    "computed something before",
-}
-_warned_features: set[str] = set()
-
-
-def warn_missing_feature(feature: str) -> None:
-    """Warn, once in a process, that jax lacks a feature (a key of `_LOSSES`), and what is lost."""
-    if feature not in _warned_features:
-        _warned_features.add(feature)
-        text = f"jax {jax.__version__} lacks {_LOSSES[feature]}"
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
-
-
-def _import_members(module: str, *names: str) -> Any:
-    """Import a module and return a list of its members `names`; None if anything is missing."""
-    try:
-        found = importlib.import_module(module)
-        return [getattr(found, name) for name in names]
-    except (ImportError, AttributeError):
-        return None
 
 
 # --- primitives
 
-_jaxpr_tools = _import_members(
-    "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
-)
 functions_of_primitives: dict[Any, Callable[..., Any]] = {}
 """Functions that jax can trace, with the results of this package's primitives, by primitive."""
-_rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
-_unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
-_unused_tools = _import_members("jax.interpreters.partial_eval", "dce_jaxpr")
 
 
 def define_primitive(
@@ -82,7 +55,7 @@ def define_primitive(
     multiple_results: bool = False,
     narrow: Callable[..., tuple[Sequence[bool], Sequence[bool], dict[str, Any]]] | None = None,
 ) -> Any:
-    """Define a primitive of jax with its rules and return it; None if jax has no way to do so.
+    """Define a primitive of jax with its rules and return it.
 
     Args:
         name: name of the primitive.
@@ -97,27 +70,20 @@ def define_primitive(
             of the parameters by name; it returns which results and arguments remain, and the new
             parameters. None: all remain if any result is used.
     """
-    if _jaxpr_tools is None or _rule_modules is None:
-        return None
-    ad, batching, mlir = _rule_modules
-    made = _jaxpr_tools[0](name)
+    made = Primitive(name)
     made.multiple_results = multiple_results
-    try:
-        made.def_impl(evaluate)
-        made.def_abstract_eval(shape_rule)
-        ad.primitive_jvps[made] = jvp_rule
-        batching.primitive_batchers[made] = batch_rule
-        if transpose_rule is not None:
-            ad.primitive_transposes[made] = transpose_rule
-        lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
-        mlir.register_lowering(made, lowering)
-        if narrow is not None and _unused_result_rules is not None:
-            _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
-        functions_of_primitives[made] = lowered or evaluate
-        used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
-    except (AttributeError, TypeError):
-        return None
-    return made if all(used) else None
+    made.def_impl(evaluate)
+    made.def_abstract_eval(shape_rule)
+    ad.primitive_jvps[made] = jvp_rule
+    batching.primitive_batchers[made] = batch_rule
+    if transpose_rule is not None:
+        ad.primitive_transposes[made] = transpose_rule
+    lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
+    mlir.register_lowering(made, lowering)
+    if narrow is not None:
+        dce_rules[made] = functools.partial(_without_unused_results, narrow)
+    functions_of_primitives[made] = lowered or evaluate
+    return made
 
 
 def _without_unused_results(narrow, used, *further):
@@ -139,22 +105,76 @@ def _without_unused_results(narrow, used, *further):
 
 def is_zero_tangent(tangent: Any) -> bool:
     """Tell, in a rule of a primitive, whether a tangent is jax's symbolic zero, not an array."""
-    return isinstance(tangent, _rule_modules[0].Zero)
+    return isinstance(tangent, ad.Zero)
 
 
 def zero_tangent(x: Any) -> Any:
     """Return jax's symbolic zero as the tangent of array `x`, for a rule of a primitive."""
-    return _rule_modules[0].Zero(jax.typeof(x).to_tangent_aval())
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
 def instantiate_tangent(tangent: Any) -> Any:
     """Return a tangent as an array: a symbolic zero, in a rule of a primitive, becomes zeros."""
-    return _rule_modules[0].instantiate_zeros(tangent)
+    return ad.instantiate_zeros(tangent)
+
+
+def moving_arguments(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[int, ...]:
+    """Return, in a rule of a primitive, the indices of arguments that are floats with tangents."""
+    pairs = enumerate(zip(primals, tangents, strict=True))
+    return tuple(k for k, (x, t) in pairs if is_float(x) and not is_zero_tangent(t))
+
+
+def is_float(x: Any) -> bool:
+    """Tell whether an array, which may be traced, is one of floats."""
+    return jnp.issubdtype(jnp.result_type(x), jnp.inexact)
+
+
+def replace_entries(values: Sequence[Any], places: Sequence[int], some: Sequence[Any]) -> list[Any]:
+    """Return a list of values in which `some` replace those with the indices `places`."""
+    found = list(values)
+    for k, x in zip(places, some, strict=True):
+        found[k] = x
+    return found
+
+
+def differentiate_moving(
+    function: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]
+) -> Any:
+    """Return ``function(*primals)`` and its tangents, in a rule of a primitive, by tracing it."""
+    moving = moving_arguments(primals, tangents)
+
+    def some(*values):
+        return function(*replace_entries(primals, moving, values))
+
+    return jax.jvp(some, [primals[k] for k in moving], [tangents[k] for k in moving])
+
+
+def linearize_entries(
+    function: Callable[..., Sequence[Any]], leaves: Sequence[Any], moving: Sequence[int]
+) -> tuple[Sequence[Any], Any, list[int | None], list[Any]]:
+    """Linearize a function of arrays by those with the indices `moving`.
+
+    Returns:
+        Its values; the jaxpr of the tangents of those that are floats; indices of its constants
+        among the leaves, or None; and the constants that are not among them.
+    """
+
+    def of_moving(*some):
+        values = function(*replace_entries(leaves, moving, some))
+        return [x for x in values if is_float(x)], values
+
+    at = [leaves[k] for k in moving]
+    _, linear, values = jax.linearize(of_moving, *at, has_aux=True)
+    part = jax.make_jaxpr(linear)(*at)
+    known = {id(x): k for k, x in enumerate(leaves)}
+    places = [known.get(id(x)) for x in part.consts]
+    further = [x for x, k in zip(part.consts, places, strict=True) if k is None]
+    return values, part.jaxpr, places, further
 
 
 def is_undefined_primal(argument: Any) -> bool:
     """Tell, in a transpose rule, whether jax asks for the cotangent of this argument."""
-    return _rule_modules[0].is_undefined_primal(argument)
+    return ad.is_undefined_primal(argument)
 
 
 def abstract_array(x: Any) -> Any:
@@ -177,22 +197,18 @@ def convert_closure(
     function: Callable[[Any], Any], x: Any
 ) -> tuple[Callable[[Any, Any], Any], Any]:
     """Return ``g(x, values)`` that captures nothing, and the values that `function` captures."""
-    if _jaxpr_tools is None:
-        converted, values = jax.closure_convert(function, x)
-        return lambda x, values: converted(x, *values), values
     program = jax.make_jaxpr(function)(x)
     return lambda x, values: bind_constants(program.jaxpr, values)(x)[0], program.consts
 
 
 def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
     """Return the Python function that a jaxpr computes with the given constants."""
-    make, function = _jaxpr_tools[1:3]
-    return function(make(jaxpr, constants))
+    return jaxpr_as_fun(ClosedJaxpr(jaxpr, constants))
 
 
 def function_of_jaxpr(program: Any) -> Callable[..., Any]:
     """Return the Python function that computes a closed jaxpr, as `jax.make_jaxpr` returns it."""
-    return _jaxpr_tools[2](program)
+    return jaxpr_as_fun(program)
 
 
 def is_jaxpr(value: Any) -> bool:
@@ -206,12 +222,10 @@ def is_jaxpr_literal(value: Any) -> bool:
 
 
 def without_unused_equations(program: Any) -> Any:
-    """Return a closed jaxpr without equations that no result needs; the same where jax cannot."""
-    if _unused_tools is None:
-        return program
+    """Return a closed jaxpr without equations that no result needs."""
     used = [True] * len(program.jaxpr.outvars)
-    less, _ = _unused_tools[0](program.jaxpr, used, instantiate=True)
-    return _jaxpr_tools[1](less, program.consts)
+    less, _ = dce_jaxpr(program.jaxpr, used, instantiate=True)
+    return ClosedJaxpr(less, program.consts)
 
 
 def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
@@ -224,21 +238,13 @@ def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
 
 # --- where the program is
 
-_traces = _import_members("jax._src.core", "trace_ctx")
 # traces of derivatives and batches compute with numbers if those around them do
 _EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
 
 
-def current_trace() -> Any:
-    """Return the object in which jax records operations now, in this thread; None if not known."""
-    return None if _traces is None else getattr(_traces[0], "trace", None)
-
-
 def _traces_around():
-    """Return the kinds of jax's traces from the present one outward; None if not known."""
-    trace, kinds = current_trace(), []
-    if trace is None:
-        return None
+    """Return the kinds of jax's traces from the present one outward."""
+    trace, kinds = trace_ctx.trace, []
     while trace is not None:
         kinds.append(type(trace).__name__)
         trace = getattr(trace, "parent_trace", None)
@@ -248,13 +254,9 @@ def _traces_around():
 def is_tracing() -> bool:
     """Tell whether jax is tracing a function now, in this thread.
 
-    Outside of a program, derivatives and batches compute with numbers: that is not tracing. Where
-    jax lacks the name, a new array is made to find out, which takes a hundred times as long
-    (30 us).
+    Outside of a program, derivatives and batches compute with numbers: that is not tracing.
     """
     kinds = _traces_around()
-    if kinds is None:
-        return isinstance(jnp.zeros(()), jax.core.Tracer)
     return kinds[-1] != "EvalTrace" or any(kind not in _EAGER_TRACES for kind in kinds[:-1])
 
 
@@ -265,11 +267,11 @@ def is_untransformed() -> bool:
 
 def is_differentiating() -> bool:
     """Tell whether jax takes a derivative of computations with numbers, outside of a program."""
-    kinds = _traces_around() or []
+    kinds = _traces_around()
     return not is_tracing() and ("JVPTrace" in kinds or "LinearizeTrace" in kinds)
 
 
-_mesh = _import_members("jax._src.config", "abstract_mesh_context_manager", "config_ext")
+_mesh = getattr(config, "abstract_mesh_context_manager", None)  # elsewhere in jax 0.12
 
 
 @contextlib.contextmanager
@@ -279,23 +281,19 @@ def same_context_as_outside() -> Iterator[None]:
     While jax transposes it sets a mesh of no devices, which means what no mesh means. But its
     record of traced functions takes it for another context, and everything is traced anew.
     """
-    setting, module = (None, None) if _mesh is None else _mesh
-    mesh = getattr(setting, "value", None)
-    if not (getattr(mesh, "empty", False) and hasattr(module, "unset")):
+    if not getattr(_mesh.value if _mesh else None, "empty", False):
         yield
         return
-    before = setting.swap_local(module.unset)
+    before = _mesh.swap_local(config.config_ext.unset)
     try:
         yield
     finally:
-        setting.set_local(before)
+        _mesh.set_local(before)
 
 
-def has_xla_started() -> bool | None:
-    """Tell whether XLA has started, after which it reads no flags; None if that is not known."""
-    bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
-    started = getattr(bridge, "backends_are_initialized", None)
-    return None if started is None else bool(started())
+def has_xla_started() -> bool:
+    """Tell whether XLA has started, after which it reads no flags."""
+    return xla_bridge.backends_are_initialized()
 
 
 # --- options of XLA
@@ -308,11 +306,8 @@ def quick_compile_options() -> dict[str, Any] | None:
     They choose XLA's older code generator for CPUs. Its programs are as fast for some hundred
     unknowns, and take up to half as long again for thousands. jax 0.10 has it; 0.12 has none.
 
-    Nothing else is worth it (measured with 0.10.2 and 0.12.0.1): with
-    ``xla_backend_optimization_level=0`` the compiler needs 0.4 to 0.7 of its time, but programs run
-    1.2 to 2.5 times as long; level 1 saves a tenth and runs take up to 7 % longer; other numbers of
-    parts compiled in parallel, schedulers and instruction sets change nothing; XLA's preset for
-    fast compilation takes longer; without its HLO passes the process dies.
+    Nothing else is worth it (measured with 0.10.2 and 0.12.0.1): lower optimization levels, other
+    numbers of parts compiled in parallel, schedulers, instruction sets, XLA's preset.
     """
     options = {"xla_cpu_use_fusion_emitters": False}
     if jax.default_backend() != "cpu":
@@ -350,21 +345,25 @@ def xla_flags_in_effect() -> str:
 xla_flags_in_effect()  # it may have started before this package
 
 
-# --- programs on disk
+# --- records of jax
 
 
-def reset_jax_cache() -> bool:
-    """Have jax read the setting of its cache folder again; return False if this jax cannot."""
-    found = _import_members("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
-    if found is None:
-        return False
-    found[0]()
-    return True
+def held_weakly(cls: type[_T]) -> type[_T]:
+    """Have jax's records of operations hold parameters of a class weakly (a decorator).
+
+    jax records the shapes of results of its last 2048 operations, with their parameters. A program
+    among these, and a user's function in it, would not be given back.
+    """
+    weakref_cache_key_types.add(cls)
+    return cls
+
+
+def reset_jax_cache() -> None:
+    """Have jax read the setting of its cache folder again."""
+    reset_cache()
 
 
 # --- arrays
-
-_client = _import_members("jaxlib.xla_client", "batched_device_put")
 
 
 def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[jax.Array]:
@@ -373,10 +372,9 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
     This takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
     """
     place = jax.sharding.SingleDeviceSharding(device)
-    if _client is None:
-        return list(jax.device_put(list(arrays)))
-    put = _client[0]
-    return [put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays]
+    return [
+        batched_device_put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays
+    ]
 
 
 def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:

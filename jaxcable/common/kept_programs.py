@@ -11,8 +11,8 @@ from typing import Any
 
 import jax
 
-from . import jax_internals as internals
 from .checks import require_whole_number
+from .jax_internals import reset_jax_cache
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
@@ -84,8 +84,8 @@ def _change_settings(settings):
     """Change settings of jax, by name, and have it read that of its cache folder again."""
     for name, value in settings.items():
         jax.config.update(name, value)
-    if settings and not internals.reset_jax_cache():
-        internals.warn_missing_feature("cache")
+    if settings:
+        reset_jax_cache()
 
 
 def _remove_oldest_files(path, limit):

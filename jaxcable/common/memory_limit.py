@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import jax
@@ -47,14 +46,9 @@ def require_memory(n_bytes: float, what: str, way_out: str) -> None:
 def _available_machine_bytes():
     """Return the bytes that the machine can give without swapping; None if that is unknown."""
     try:
-        for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("MemAvailable:"):
-                return 1024 * int(line.split()[1])
-    except (OSError, ValueError, IndexError):
-        pass
-    try:  # other systems: all of the memory
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):
+        lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
+        return 1024 * int(dict(line.split(":") for line in lines)["MemAvailable"].split()[0])
+    except (OSError, KeyError):  # on other systems
         return None
 
 
@@ -64,14 +58,12 @@ def _available_container_bytes():
     Cached files, which the system counts as used memory, are counted as free.
     """
     try:
-        limit = int((_CONTROL_GROUP / "memory.max").read_text())
-        used = int((_CONTROL_GROUP / "memory.current").read_text())
-        stat = dict(
-            line.split() for line in (_CONTROL_GROUP / "memory.stat").read_text().splitlines()
-        )
-        files = int(stat.get("inactive_file", 0)) + int(stat.get("active_file", 0))
-        return limit - max(used - files, 0)
-    except (OSError, ValueError):  # no such file, or "max"
+        names = "max", "current", "stat"
+        limit, used, stat = ((_CONTROL_GROUP / f"memory.{name}").read_text() for name in names)
+        kinds = dict(line.split() for line in stat.splitlines())
+        files = int(kinds["inactive_file"]) + int(kinds["active_file"])
+        return int(limit) - max(int(used) - files, 0)
+    except (OSError, KeyError, ValueError):  # no such file, or "max"
         return None
 
 

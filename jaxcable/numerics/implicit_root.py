@@ -57,7 +57,7 @@ def implicit_root(
     """Return the known root x of ``f(x, p) = 0``, with its derivatives by p, of any order.
 
     The implicit function theorem gives ``dx = -f_x^-1 f_p dp``. f is traced only if a derivative is
-    taken (where jax has no primitives to define, always).
+    taken.
 
     Args:
         function: ``f(x, p)``, an array like `x`; it depends on no other traced values. With
@@ -71,9 +71,6 @@ def implicit_root(
     Returns:
         The root; with `outputs`, the pair of root and outputs.
     """
-    if _ROOT is None or _ROOT_TANGENT is None:
-        internals.warn_missing_feature("primitives")
-        return _implicit_root_by_custom_root(function, root, parameters, solver, outputs)
     leaves, tree = jax.tree.flatten(parameters)
     shape: Any
     known, shape = jax.tree.flatten(outputs)
@@ -116,27 +113,6 @@ def with_deferred_derivative(
     return implicit_root(lambda x, p: (x, function(p)), jnp.zeros(0), parameters, None, values)[1]
 
 
-def _implicit_root_by_custom_root(function, root, parameters, solver, outputs):
-    """Return a root with implicit derivatives by `lax.custom_root`, if jax has no primitives."""
-    root = lax.stop_gradient(root)
-
-    def residual(x):
-        found = function(x, parameters)
-        return found if outputs is None else found[0]
-
-    def solve(linear, rhs):
-        return lax.custom_linear_solve(
-            linear,
-            rhs,
-            lambda linear, rhs: solver.forward(parameters, linear, rhs),
-            lambda linear, rhs: solver.adjoint(parameters, linear, rhs),
-        )
-
-    if root.size:
-        root = lax.custom_root(residual, root, lambda _, x: x, solve)
-    return root if outputs is None else (root, function(root, parameters)[1])
-
-
 def _known_values(*arrays, count, equation, solver):
     """Return root and outputs, the first arguments: value, and shape rule, of `_ROOT`."""
     return list(arrays[:count])
@@ -171,18 +147,14 @@ def _select(equation, kept):
 def _root_jvp(primals, tangents, *, count, **given):
     """Forward derivative of `_ROOT`: root and outputs, and their tangents by `_ROOT_TANGENT`."""
     found = _ROOT.bind(*primals, count=count, **given)
-    pairs = enumerate(zip(primals[count:], tangents[count:], strict=True))
-    changes = {
-        k: change
-        for k, (x, change) in pairs
-        if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero_tangent(change)
-    }
-    if not changes:
+    moving = internals.moving_arguments(primals[count:], tangents[count:])
+    if not moving:
         return found, [internals.zero_tangent(x) for x in found]
     # shapes, not outputs themselves: reverse mode would store them
     shapes = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in found[1:])
-    given |= {"shapes": shapes, "moving": tuple(changes)}
-    return found, _ROOT_TANGENT.bind(found[0], *primals[count:], *changes.values(), **given)
+    given |= {"shapes": shapes, "moving": moving}
+    changes = [tangents[count + k] for k in moving]
+    return found, _ROOT_TANGENT.bind(found[0], *primals[count:], *changes, **given)
 
 
 class _Linearization(NamedTuple):
@@ -212,9 +184,7 @@ class _Linearization(NamedTuple):
         """Return residual and the outputs `wanted` as a function, and its arguments here."""
 
         def function(x, *some):
-            leaves = list(self.leaves)
-            for k, value in zip(self.moving, some, strict=True):
-                leaves[k] = value
+            leaves = internals.replace_entries(self.leaves, self.moving, some)
             residual, *outputs = self.equation(x, *leaves)
             return [residual, *(outputs[k] for k in wanted)]
 
@@ -282,16 +252,7 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
     if all(internals.is_zero_tangent(t) for t in tangents[:count]):
         further = [internals.instantiate_tangent(t) for t in tangents[count:]]
         return out, _ROOT_TANGENT.bind(*primals[:count], *further, moving=moving, **given)
-    places = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
-
-    def some(*values):
-        at = list(primals)
-        for k, x in zip(places, values, strict=True):
-            at[k] = x
-        return evaluate(*at)
-
-    start, direction = [primals[k] for k in places], [tangents[k] for k in places]
-    return out, jax.jvp(some, start, direction)[1]
+    return out, internals.differentiate_moving(evaluate, primals, tangents)[1]
 
 
 @without_garbage_collection()

@@ -16,7 +16,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from ..common import jax_internals as internals
@@ -35,10 +34,7 @@ def nan_unless_valid(
     """
     places = [k for k, x in enumerate(arrays) if x.size]
     some = [arrays[k] for k in places]
-    if _MARKED is None or _UNMARKED is None:
-        marked = [_by_linear_solve(ok, x, probe) for x in some]
-    else:
-        marked = _MARKED.bind(jnp.asarray(ok), probe, *some) if some else []
+    marked = _MARKED.bind(jnp.asarray(ok), probe, *some) if some else []
     found = list(arrays)
     for k, x in zip(places, marked, strict=True):
         found[k] = x
@@ -150,32 +146,3 @@ _UNMARKED: Any = internals.define_primitive(
     _transpose_unmark,
     multiple_results=True,
 )
-
-
-def _by_linear_solve(ok, x, probe):
-    """Return an array as `nan_unless_valid` does, if jax has no primitives to define.
-
-    `lax.custom_linear_solve` of the identity takes both maps as given, and all transformations work
-    on it.
-    """
-
-    def identity(v):
-        return v
-
-    def forward(_, b):
-        x, probe = b
-        return jnp.where(ok, x, jnp.nan), jnp.where(jnp.all(ok), probe, jnp.nan)
-
-    def backward(_, b):
-        x, probe = b
-        kept = ok | (x == 0)
-        return jnp.where(kept, x, jnp.nan), jnp.where(jnp.all(kept), probe, jnp.nan)
-
-    def beside(x, other):
-        """`x`, made differentiable wherever `other` is (jax 0.10 wants both or none)."""
-        return x + jnp.where(np.False_, other, 0.0)
-
-    ok = jnp.reshape(ok, (-1, *(1,) * (x.ndim - 1))) if jnp.ndim(ok) else ok
-    probe = probe.astype(x.dtype)
-    both = beside(x, probe), beside(probe, x.ravel()[0])
-    return beside(*lax.custom_linear_solve(identity, both, forward, backward))

@@ -34,15 +34,12 @@ Tree = TypeVar("Tree")
 def as_single_kernel(function: Callable[..., Tree]) -> Callable[..., Tree]:
     """Return a function that computes `function` as a single XLA kernel, and batches case by case.
 
-    All transformations of jax work on it. Where jax has no primitives to define, the result is
-    `function` itself: slower, with the same values.
+    All transformations of jax work on it.
 
     Args:
         function: function of pytrees of arrays; it must not close over traced values, nor call the
             host.
     """
-    if _KERNEL is None or _LINEAR_KERNEL is None:
-        return function
 
     def run(*arguments):
         leaves, tree = jax.tree.flatten(arguments)
@@ -83,14 +80,6 @@ def _result_shapes(*_, program, **__):
     return program.out_avals
 
 
-def _replace_entries(values, places, some):
-    """Return a copy of a list in which `some` replace the entries with the indices `places`."""
-    values = list(values)
-    for k, x in zip(places, some, strict=True):
-        values[k] = x
-    return values
-
-
 def _pack_by_dtype(arrays):
     """Concatenate arrays to one vector for each dtype, in the order in which dtypes first appear.
 
@@ -117,26 +106,17 @@ def _kernel_jvp(primals, tangents, *, program, **_):
 
     One kernel computes the values and what the linearization needs, another the tangents.
     """
-    moving = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
-    floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
+    moving = internals.moving_arguments(primals, tangents)
+    floating = list(map(internals.is_float, program.out_avals))
     compute, traced = function_of_jaxpr(program), {}
 
     def forward(*leaves):
-        def of_moving(*some):
-            values = compute(*_replace_entries(leaves, moving, some))
-            return [x for x, own in zip(values, floating, strict=True) if own], values
-
-        at = [leaves[k] for k in moving]
-        _, linear, values = jax.linearize(of_moving, *at, has_aux=True)
-        part = jax.make_jaxpr(linear)(*at)
-        places = {id(x): k for k, x in enumerate(leaves)}
-        traced["part"], traced["place"] = part.jaxpr, [places.get(id(x)) for x in part.consts]
-        pairs = zip(part.consts, traced["place"], strict=True)
-        return [*values, *_pack_by_dtype([x for x, place in pairs if place is None])]
+        values, *traced["linear"], kept = internals.linearize_entries(compute, leaves, moving)
+        return [*values, *_pack_by_dtype(kept)]
 
     found = _KERNEL.bind(*primals, program=jax.make_jaxpr(forward)(*primals))
     values, packed = found[: len(floating)], found[len(floating) :]
-    part, place = traced["part"], traced["place"]
+    part, place = traced["linear"]
     given = [primals[k] for k in place if k is not None]  # arguments need not be stored twice
 
     def linear(*arguments):
@@ -189,10 +169,10 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
 
     def pulled(*values):
         known, back = _split_by_counts(values, len(given))
-        at = _replace_entries(arguments, given, known)
+        at = internals.replace_entries(arguments, given, known)
 
         def asked_for(*some):
-            results = compute(*_replace_entries(at, sought, some))
+            results = compute(*internals.replace_entries(at, sought, some))
             return [results[k] for k in asked]
 
         return jax.linear_transpose(asked_for, *like)(list(back))
@@ -200,7 +180,7 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
     values = *(arguments[k] for k in given), *(back[k] for k in asked)
     program = jax.make_jaxpr(pulled)(*values)
     found = _LINEAR_KERNEL.bind(*values, program=program, known=len(given))
-    return _replace_entries([None] * len(arguments), sought, found)
+    return internals.replace_entries([None] * len(arguments), sought, found)
 
 
 def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
@@ -211,11 +191,11 @@ def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
 
     def all_cases(*leaves):
         def one(own):
-            return compute(*_replace_entries(leaves, of_case, own))
+            return compute(*internals.replace_entries(leaves, of_case, own))
 
         return lax.map(one, [leaves[k] for k in of_case])
 
-    leaves = _replace_entries(arguments, of_case, moved)
+    leaves = internals.replace_entries(arguments, of_case, moved)
     found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
     return found, [0] * len(found)
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 _LARGEST_FOLDED = 200_000  # entries of an array that is computed while the program is written
-_LARGEST_KEPT = 4096  # entries of arrays that are not deleted after their last use
 _DEEPEST = 21  # depth of blocks: Python allows for 20 loops in one another
 _ENTRIES_PER_CALL = 1000  # entries that NumPy works on in the time that a call of it takes
 
@@ -39,36 +38,11 @@ class Value(NamedTuple):
     depth: int
 
 
-class _Line(NamedTuple):
-    """A line of source, or a statement with a block.
-
-    Attributes:
-        results, used: names that it sets, and that it reads.
-        text: its text; that of the statement if it has a block.
-        pure: whether it can be left out if no result is used.
-        block: block of the statement, or None.
-        large: names among its results whose memory is given back after the last use.
-    """
-
-    results: tuple[str, ...]
-    used: tuple[str, ...]
-    text: str
-    pure: bool = True
-    block: Block | None = None
-    large: tuple[str, ...] = ()
-
-    def names_read(self) -> set[str]:
-        """Return the names that the line and its block read."""
-        inner = () if self.block is None else self.block.lines
-        return set(self.used).union(*(line.names_read() for line in inner))
-
-
 class Names:
     """Names of a program, and what they stand for.
 
     Attributes:
-        space: the globals of its functions.
-        known: values of constants, by name.
+        space: the globals of its functions, with the values of constants.
     """
 
     def __init__(
@@ -80,7 +54,6 @@ class Names:
         self.space = dict(functions)
         self.make_function, self._n_call = make_function, n_call
         self._functions: dict[int, Any] = {}  # with the program, so that it stays
-        self.known: dict[str, Any] = {}
         self._count = itertools.count()
         self._by_content: dict[Any, Value] = {}
         self._helpers: dict[Any, str] = {}
@@ -103,9 +76,13 @@ class Names:
         found = self._by_content.get(key)
         if found is None:
             name = self.new("c")
-            self.space[name] = self.known[name] = x if x.ndim else x[()]
+            self.space[name] = x if x.ndim else x[()]
             found = self._by_content[key] = Value(name, shape, x.dtype, held, 0)
         return found._replace(shape=shape)
+
+    def repeated(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the array of a shape that a constant stands for, which NumPy would broadcast."""
+        return np.array(np.broadcast_to(self.space[name], shape))
 
     def function(self, program: Any) -> str:
         """Return the name of the function that computes a jaxpr, written at its first call."""
@@ -166,7 +143,7 @@ class Block:
         self.depth: int = 1 if parent is None else parent.depth + 1
         if self.depth > _DEEPEST:
             raise NotImplementedError("loops and branches within too many others")
-        self.lines: list[_Line] = []
+        self.lines: list[str | tuple[str, Block]] = []  # a line, or a header with its block
         self.work = 0.0
         self._written: dict[Any, Any] = {}
 
@@ -201,9 +178,7 @@ class Block:
         found = block.find(template, names)
         if found is None:
             found = Value(self.names.new(), shape, dtype, held, block.depth)
-            large = (found.name,) if entries > _LARGEST_KEPT else ()
-            text = f"{found.name}={template.format(*names)}"
-            block.lines.append(_Line((found.name,), names, text, large=large))
+            block.lines.append(f"{found.name}={template.format(*names)}")
             block.work += 1 + entries / _ENTRIES_PER_CALL if work is None else work
             block._written[template, names] = found
         return found._replace(shape=shape)
@@ -225,10 +200,9 @@ class Block:
                 )
                 for a in avals
             ]
-            results = tuple(x.name for x in found)
-            left = "".join(name + "," for name in results)
-            line = f"({left})={text.format(*names)}" if results else text.format(*names)
-            block.lines.append(_Line(results, names, line, pure))
+            left = "".join(x.name + "," for x in found)
+            line = text.format(*names)
+            block.lines.append(f"({left})={line}" if found else line)
             block.work += 1
             if pure:
                 block._written[text, names] = found
@@ -236,13 +210,11 @@ class Block:
 
     def allocate(self, x: Value) -> None:
         """Write that a variable is an array whose entries are set later."""
-        text = f"{x.name}=np.empty({x.shape},'{x.dtype}')"
-        self.lines.append(_Line((x.name,), (), text))
+        self.lines.append(f"{x.name}=np.empty({x.shape},'{x.dtype}')")
 
     def count_turns(self) -> None:
         """Write, at the end of a loop's body, that the work of a turn is done."""
-        self.statement(f"w[0]+={round(self.work, 1)}", ())
-        self.statement("if w[0]>w[1]: raise LimitReachedError", ())
+        self.lines += [f"w[0]+={round(self.work, 1)}", "if w[0]>w[1]: raise LimitReachedError"]
 
     def _outermost(self, inputs):
         """Return the outermost block, around loops only, that has all inputs."""
@@ -261,82 +233,26 @@ class Block:
             block = block.parent
         return None
 
-    def assign(self, names: Sequence[str], values: Sequence[Value], pure: bool = False) -> None:
+    def assign(self, names: Sequence[str], values: Sequence[Value]) -> None:
         """Write that variables get values, at once."""
         if names:
-            used = tuple(x.name for x in values)
-            text = f"{','.join(names)}={','.join(used)}"
-            self.lines.append(_Line(tuple(names), used, text, pure))
-
-    def statement(
-        self,
-        text: str,
-        used: Sequence[str],
-        block: Block | None = None,
-        results: Sequence[str] = (),
-    ) -> None:
-        """Write a statement that always remains: a header with its block, or a line."""
-        self.lines.append(_Line(tuple(results), tuple(used), text, False, block))
+            self.lines.append(f"{','.join(names)}={','.join(x.name for x in values)}")
 
     def full(self, x: Value) -> Value:
         """Return a value held in its full shape."""
         if x.shape is None or x.held == x.shape:
             return x
         if x.depth == 0:
-            held = np.broadcast_to(self.names.known[x.name], x.shape)
-            name = self.names.new("c")
-            self.names.space[name] = self.names.known[name] = np.array(held)
+            name = self.names.helper(self.names.repeated, x.name, x.shape)
             return Value(name, x.shape, x.dtype, x.shape, 0)
         ones = self.names.helper(np.ones, x.shape, x.dtype)
         sign = "&" if np.dtype(x.dtype) == bool else "*"
         return self.write(f"{{0}}{sign}{ones}", [x], x.shape, x.dtype)
 
-    def render(self, results: Sequence[Value]) -> list[str]:
-        """Return the lines of a function's block; `results` are what it returns."""
-        uses: dict[str, int] = dict.fromkeys((x.name for x in results), 1)
-        self._count(uses)
-        self._drop_unused(uses)
-        return list(self._text("", {x.name for x in results}))
-
-    def _count(self, uses):
-        """Count how often each name is read."""
-        for line in self.lines:
-            for name in line.used:
-                uses[name] = uses.get(name, 0) + 1
-            if line.block is not None:
-                line.block._count(uses)
-
-    def _drop_unused(self, uses):
-        """Remove lines whose results nobody reads."""
-        kept = []
-        for line in reversed(self.lines):
-            if line.pure and not any(uses.get(name) for name in line.results):
-                for name in line.used:
-                    uses[name] -= 1
-                continue
-            if line.block is not None:
-                line.block._drop_unused(uses)
-            kept.append(line)
-        self.lines = kept[::-1]
-
-    def _text(self, indent, needed):
-        """Yield the lines of the block; names that are `needed` after it are not deleted."""
-        last: dict[str, int] = {}
-        for k, line in enumerate(self.lines):
-            last |= dict.fromkeys(line.names_read(), k)
-        ends: dict[int, list[str]] = {}
-        for name in (name for line in self.lines for name in line.large):
-            if name in last and name not in needed:
-                ends.setdefault(last[name], []).append(name)
-        waiting: list[str] = []
-        for k, line in enumerate(self.lines):
-            yield indent + line.text
-            if line.block is not None:
-                yield from line.block._text(indent + " ", needed)
-            waiting += ends.get(k, [])
-            following = self.lines[k + 1].text if k + 1 < len(self.lines) else ""
-            if waiting and not following.startswith(("elif ", "else:")):  # not between branches
-                yield f"{indent}del {','.join(waiting)}"
-                waiting = []
-        if not self.lines:
-            yield indent + "pass"
+    def render(self, indent: str = "") -> Iterator[str]:
+        """Yield the lines of the block."""
+        for line in self.lines or ["pass"]:
+            header, block = (line, None) if isinstance(line, str) else line
+            yield indent + header
+            if block is not None:
+                yield from block.render(indent + " ")

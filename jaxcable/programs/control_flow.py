@@ -10,7 +10,7 @@ import numpy as np
 from ..common import host_calls
 from ..common import jax_internals as internals
 from .block import Value
-from .rules import rule
+from .rules import NoRuleError, places, rule
 from .writing import count_calls, inner_jaxpr, write_callable, write_equations
 
 
@@ -57,31 +57,18 @@ def _scan(block, equation, inputs):
     given = equation.params
     jaxpr, constants = inner_jaxpr(given["jaxpr"])
     n_const, n_carry = internals.counts_of_scan(given)
-    length, reverse = given["length"], given["reverse"]
-    shared, initial, xs = (
-        inputs[:n_const],
-        inputs[n_const : n_const + n_carry],
-        inputs[n_const + n_carry :],
-    )
+    length, first = given["length"], n_const + n_carry
+    shared, initial, xs = inputs[:n_const], inputs[n_const:first], inputs[first:]
     stacked = [x.aval for x in equation.outvars[n_carry:]]
     if length == 0:
         return [*initial, *(block.names.constant(np.zeros(a.shape, a.dtype)) for a in stacked)]
-    inner = jaxpr.invars
-    if length == 1:
-        rows = [block.write("{0}[0]", [block.full(x)], x.shape[1:], x.dtype, work=0.3) for x in xs]
-        found = write_equations(block, jaxpr, constants, [*shared, *initial, *rows])
-        ys = [
-            block.write("{0}[None]", [block.full(x)], (1, *x.shape), x.dtype, work=0.3)
-            if x.shape
-            else block.write("np.array([{0}])", [x], (1,), x.dtype)
-            for x in found[n_carry:]
-        ]
-        return [*found[:n_carry], *ys]
-    body = block.child(is_loop=True)
-    index = Value(block.names.new("i"), (), np.dtype(np.intp), (), body.depth)
-    carried, changing = _begin_carry(
-        *(block, body, inner[n_const : n_const + n_carry], initial), jaxpr.outvars[:n_carry]
-    )
+    if length == 1:  # no loop: what is known is computed while the program is written
+        body, index, carried, changing = block, block.names.constant(np.intp(0)), initial, []
+    else:
+        body = block.child(is_loop=True)
+        index = Value(block.names.new("i"), (), np.dtype(np.intp), (), body.depth)
+        variables = jaxpr.invars[n_const:first], initial, jaxpr.outvars[:n_carry]
+        carried, changing = _begin_carry(block, body, *variables)
     rows = [
         x._replace(shape=x.shape[1:])
         if x.held == ()
@@ -89,17 +76,26 @@ def _scan(block, equation, inputs):
         for x in xs
     ]
     found = write_equations(body, jaxpr, constants, [*shared, *carried, *rows])
-    ys = []
-    for aval, value in zip(stacked, found[n_carry:], strict=True):
-        own = _variable(block, aval)
+    if length == 1:
+        ys = [
+            block.write("np.asarray({0})[None]", [block.full(x)], (1, *x.shape), x.dtype, work=0.3)
+            for x in found[n_carry:]
+        ]
+        return [*found[:n_carry], *ys]
+    ys = [_variable(block, aval) for aval in stacked]
+    for own, value in zip(ys, found[n_carry:], strict=True):
         block.allocate(own)
-        body.statement(f"{own.name}[{index.name}]={value.name}", (own.name, index.name, value.name))
-        ys.append(own)
+        body.lines.append(f"{own.name}[{index.name}]={value.name}")
     _end_carry(body, carried, changing, found[:n_carry])
-    order = f"range({length - 1},-1,-1)" if reverse else f"range({length})"
+    order = f"range({length - 1},-1,-1)" if given["reverse"] else f"range({length})"
+    return [*_end_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
+
+
+def _end_loop(block, body, header, carried, changing):
+    """Write a loop with its body; return the values of carried variables after it."""
     body.count_turns()
-    block.statement(f"for {index.name} in {order}:", (), body, [x.name for x in changing])
-    return [*(x._replace(depth=block.depth) if x in changing else x for x in carried), *ys]
+    block.lines.append((header, body))
+    return [x._replace(depth=block.depth) if x in changing else x for x in carried]
 
 
 @rule("while")
@@ -110,7 +106,7 @@ def _while(block, equation, inputs):
     n_test, n_body = given["cond_nconsts"], given["body_nconsts"]
     for_test, for_body, initial = (
         inputs[:n_test],
-        inputs[n_test : n_test + n_body],
+        inputs[n_test:][:n_body],
         inputs[n_test + n_body :],
     )
     body = block.child(is_loop=True)
@@ -118,7 +114,7 @@ def _while(block, equation, inputs):
     (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
     goes_on = body.full(goes_on)
     any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
-    body.statement(f"if not {any_}: break", (goes_on.name,))
+    body.lines.append(f"if not {any_}: break")
     found = write_equations(body, jaxpr, constants, [*for_body, *carried])
     if goes_on.shape:  # of a batch: cases that have ended stay
         cases = len(goes_on.shape)
@@ -133,9 +129,7 @@ def _while(block, equation, inputs):
             for new, old in zip(found, carried, strict=True)
         ]
     _end_carry(body, carried, changing, found)
-    body.count_turns()
-    block.statement("while True:", (), body, [x.name for x in changing])
-    return [x._replace(depth=block.depth) if x in changing else x for x in carried]
+    return _end_loop(block, body, "while True:", carried, changing)
 
 
 def _make_select(n_axis):
@@ -153,7 +147,7 @@ def _cond(block, equation, inputs):
     which, *operands = inputs
     branches = equation.params["branches"]
     if which.depth == 0:
-        index = min(max(int(block.names.known[which.name]), 0), len(branches) - 1)
+        index = min(max(int(block.names.space[which.name]), 0), len(branches) - 1)
         return write_equations(block, *inner_jaxpr(branches[index]), operands)
     avals = [x.aval for x in equation.outvars]
     results = [_variable(block, aval) for aval in avals]
@@ -165,7 +159,7 @@ def _cond(block, equation, inputs):
         last = k == len(branches) - 1
         sign = "<=" if k == 0 else "=="
         header = "else:" if last else f"{'if' if k == 0 else 'elif'} {which.name}{sign}{k}:"
-        block.statement(header, (which.name,), own, names)
+        block.lines.append((header, own))
     return results
 
 
@@ -191,17 +185,12 @@ def _linear_solve(block, equation, inputs):
     return write_callable(block, jaxpr, operands, [x.aval for x in equation.outvars], once=True)
 
 
-@rule("optimization_barrier")
-def _barrier(block, equation, inputs):
-    return inputs
-
-
 @rule("platform_index")
 def _platform_index(block, equation, _):
     for k, platforms in enumerate(equation.params["platforms"]):
         if platforms is None or "cpu" in platforms:
             return [block.names.constant(np.int32(k))]
-    raise NotImplementedError("platform_index")
+    raise NoRuleError("platform_index")
 
 
 # --- functions on the host
@@ -230,11 +219,10 @@ def _write_host_call(block, function, inputs, avals, pure, copies=False):
     """
     shapes = tuple((tuple(a.shape), np.dtype(a.dtype)) for a in avals)
     helper = block.names.helper(_make_host_call, function, shapes, copies)
-    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
     inputs = [block.full(x) for x in inputs]
-    found = block.write_call(f"{helper}({places})", inputs, avals, pure)
+    found = block.write_call(f"{helper}({places(inputs)})", inputs, avals, pure)
     if not pure:  # the call does not begin again after it: what was heard would be heard twice
-        block.statement("w[1]=np.inf", ())
+        block.lines.append("w[1]=np.inf")
     return found
 
 
@@ -271,6 +259,5 @@ def _deferred(block, equation, inputs):
         return program
 
     name = block.names.later(function, make)
-    places = "".join(f",{{{k}}}" for k in range(len(inputs)))
     results = [x.aval for x in equation.outvars]
-    return block.write_call(f"{name}(w{places})", [block.full(x) for x in inputs], results)
+    return block.write_call(f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs], results)

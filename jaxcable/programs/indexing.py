@@ -7,10 +7,11 @@ and ``take(array, prepared)``.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from .rules import rule
+from .rules import result_of, rule
 
 
 def _mode(equation):
@@ -21,26 +22,20 @@ def _mode(equation):
 
 @rule("gather")
 def _gather(block, equation, inputs):
-    x, indices = inputs
-    given, aval = equation.params, equation.outvars[0].aval
-    shape, numbers = tuple(aval.shape), given["dimension_numbers"]
+    (x, indices), given = inputs, equation.params
+    shape, numbers = result_of(equation)[0], given["dimension_numbers"]
     fills, sizes = _mode(equation) == "fill", tuple(given["slice_sizes"])
-    axis = _axis_of_rows(numbers, sizes, x.shape, indices.shape, shape)
-    if axis is None:
-        make = _make_flat_indices, numbers, sizes, x.shape, fills
-        prepared = _prepare(block, make, indices)
-        text = "{0}.reshape(-1).take({1}[0])"
-    else:
-        prepared = _prepare(block, (_make_row_indices, x.shape[axis], fills), indices)
-        text = f"{{0}}.take({{1}}[0],{axis})"
-    if fills:
-        value = block.names.constant(_fill_value(given["fill_value"], x.dtype)).name
-        fill = block.names.helper(_make_fill, axis, len(shape))
-        text = f"{fill}({text},{{1}}[1],{value})"
     if not x.held and not fills:
         return [x._replace(shape=shape)]
+    value = block.names.constant(_fill_value(given["fill_value"], x.dtype))
     if not math.prod(x.shape):
-        return [block.names.constant(np.full(shape, _fill_value(given["fill_value"], x.dtype)))]
+        return [value._replace(shape=shape)]
+    axis = _axis_of_rows(numbers, sizes, x.shape, indices.shape, shape)
+    make = _make_indices, numbers, sizes, x.shape, axis, len(shape)
+    prepared = _prepare(block, make, indices)
+    text = "{0}.reshape(-1).take({1}[0])" if axis is None else f"{{0}}.take({{1}}[0],{axis})"
+    if fills:
+        text = f"{block.names.helper(lambda: _fill)}({text},{{1}}[1],{value.name})"
     return [block.write(text, [block.full(x), prepared], shape, x.dtype)]
 
 
@@ -64,39 +59,34 @@ def _axis_of_rows(numbers, sizes, whole, indices, shape):
     return axis if list(numbers.offset_dims) == offsets else None
 
 
-def _make_row_indices(count, fills):
-    """Return the function that prepares indices of rows: (indices inside, which are inside)."""
+def _make_indices(numbers, sizes, whole, axis, n_axis):
+    """Return the function that prepares the indices of what a gather takes, and which are inside.
 
-    def prepare(indices):
-        rows = indices[..., 0].astype(np.intp)
-        inside = (rows >= 0) & (rows < count)
-        if inside.all():
-            return rows, None
-        return np.clip(rows, 0, max(count - 1, 0)), inside if fills else None
-
-    return prepare
-
-
-def _make_flat_indices(numbers, sizes, whole, fills):
-    """Return the function that prepares flat indices of all entries that a gather takes."""
+    These are flat indices of all entries or, if it takes rows along an axis, those of rows. All are
+    moved inside; None instead of a mask means that all have been there. `n_axis` is that of the
+    result.
+    """
+    moving, gone = numbers.start_index_map, set(numbers.collapsed_slice_dims)
     batching = dict(
         zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)
     )
-    gone = {*numbers.collapsed_slice_dims, *batching}
-    windows = [k for k in range(len(whole)) if k not in gone]
+    windows = [k for k in range(len(whole)) if k not in gone and k not in batching]
+
+    def prepare_rows(indices):  # quick, for indices that change in a loop
+        rows, last = indices[..., 0].astype(np.intp), whole[axis] - 1
+        inside = (rows >= 0) & (rows <= last)
+        if inside.all():
+            return rows, None
+        shape = *(1,) * axis, *inside.shape, *(1,) * (n_axis - axis - inside.ndim)
+        return np.clip(rows, 0, max(last, 0)), inside.reshape(shape)
 
     def prepare(indices):
-        flat, inside = _flat_indices(
-            indices, whole, sizes, numbers.start_index_map, batching, windows
-        )
+        flat, inside = _flat_indices(indices, whole, sizes, moving, batching, windows)
         order = _places_of_batch(numbers.offset_dims, flat.ndim)
-        flat = flat.transpose(order)
-        if inside.all():
-            return flat, None
-        inside = np.broadcast_to(inside, flat.transpose(np.argsort(order)).shape).transpose(order)
-        return flat, inside if fills else None
+        inside = None if inside.all() else np.broadcast_to(inside, flat.shape).transpose(order)
+        return flat.transpose(order), inside
 
-    return prepare
+    return prepare if axis is None else prepare_rows
 
 
 def _flat_indices(indices, whole, sizes, moving, batching, windows):
@@ -119,14 +109,10 @@ def _flat_indices(indices, whole, sizes, moving, batching, windows):
         last = whole[axis] - sizes[axis]
         inside &= (begin >= 0) & (begin <= last)
         flat += np.clip(begin, 0, max(last, 0)) * strides[axis]
-    for axis, of_indices in batching.items():
-        shape = [1] * flat.ndim
-        shape[of_indices] = batch[of_indices]
-        flat += np.arange(batch[of_indices]).reshape(shape) * strides[axis]
-    for k, axis in enumerate(windows):
-        shape = [1] * flat.ndim
-        shape[len(batch) + k] = sizes[axis]
-        flat += np.arange(sizes[axis]).reshape(shape) * strides[axis]
+    along = [(axis, own, batch[own]) for axis, own in batching.items()]
+    along += [(axis, len(batch) + k, sizes[axis]) for k, axis in enumerate(windows)]
+    for axis, own, size in along:
+        flat += np.arange(size).reshape(-1, *(1,) * (flat.ndim - own - 1)) * strides[axis]
     return flat, inside
 
 
@@ -137,58 +123,39 @@ def _places_of_batch(offsets, n):
     return [next(window) if k in offsets else next(batch) for k in range(n)]
 
 
-def _make_fill(axis, n):
-    """Return the function that fills entries that are not `inside` (None: all are)."""
-
-    def fill(x, inside, value):
-        if inside is None:
-            return x
-        if axis is not None:
-            inside = np.asarray(inside)
-            inside = inside.reshape((*(1,) * axis, *inside.shape, *(1,) * (n - axis - inside.ndim)))
-        return np.where(inside, x, value)[()]
-
-    return fill
+def _fill(x, inside, value):
+    """Return an array with a value in place of entries that are not `inside` (None: all are)."""
+    return x if inside is None else np.where(inside, x, value)[()]
 
 
 def _fill_value(value, dtype):
     """Return what stands for entries outside of an array, as jax has it."""
-    if value is not None:
-        return np.asarray(value, dtype)
-    if dtype.kind in "fc":
-        return np.asarray(np.nan, dtype)
-    if dtype.kind == "b":
-        return np.asarray(True)
-    limits = np.iinfo(dtype)
-    return np.asarray(limits.min if dtype.kind == "i" else limits.max, dtype)
+    if value is None and dtype.kind in "iu":
+        limits = np.iinfo(dtype)
+        value = limits.min if dtype.kind == "i" else limits.max
+    return np.asarray(np.nan if value is None else value, dtype)  # of bool: True
 
 
 # --- scatters
 
-_ADD, _SET = "add", "set"
-_OPERATIONS = {
-    **{"scatter": _SET, "scatter-add": _ADD, "scatter_add": _ADD},
-    "scatter-sub": "subtract",
-    **{"scatter-mul": "multiply", "scatter_mul": "multiply"},
-    **{"scatter-min": "minimum", "scatter_min": "minimum"},
-    **{"scatter-max": "maximum", "scatter_max": "maximum"},
-}
+_OPERATIONS: dict[str, Any] = {"": None, "add": np.add, "sub": np.subtract, "mul": np.multiply}
+_OPERATIONS |= {"min": np.minimum, "max": np.maximum}
 
 
-@rule(*_OPERATIONS)
+@rule("scatter", *(f"scatter{sign}{name}" for sign in "-_" for name in _OPERATIONS if name))
 def _scatter(block, equation, inputs):
     x, indices, updates = inputs
     numbers, clips = equation.params["dimension_numbers"], _mode(equation) == "clip"
     make = _make_flat_places, numbers, x.shape, updates.shape, clips
     prepared = _prepare(block, make, indices)
-    zero = x.depth == 0 and x.held == () and not block.names.known[x.name]
-    operation = _OPERATIONS[equation.primitive.name]
-    function = block.names.helper(_make_scatter, operation, x.shape, x.dtype)
-    start = "None" if zero and operation == _ADD and x.dtype == np.float64 else "{2}"
-    inputs = [prepared, block.full(updates), x if start == "None" else block.full(x)]
-    if start == "None":
-        inputs = inputs[:2]
-    return [block.write(f"{function}({start},{{0}},{{1}})", inputs, x.shape, x.dtype, work=3)]
+    operation = _OPERATIONS[equation.primitive.name[len("scatter_") :]]
+    function = block.names.helper(_make_scatter, operation, x.shape)
+    inputs, text = [prepared, block.full(updates)], f"{function}(None,{{0}},{{1}})"
+    if operation is not np.add or x.dtype != np.float64:
+        inputs, text = [*inputs, block.full(x)], f"{function}({{2}},{{0}},{{1}})"
+    elif x.depth > 0 or x.held or block.names.space[x.name]:
+        inputs, text = [*inputs, x], "{2}+" + text
+    return [block.write(text, inputs, x.shape, x.dtype, work=3)]
 
 
 def _make_flat_places(numbers, whole, updates, clips):
@@ -221,29 +188,23 @@ def _make_flat_places(numbers, whole, updates, clips):
     return prepare
 
 
-def _make_scatter(operation, shape, dtype):
-    """Return the function that scatters updates to a copy of an array of this shape."""
-    size = math.prod(shape)
+def _make_scatter(operation, shape):
+    """Return the function that scatters updates to a copy of an array of this shape.
 
-    def arranged(prepared, updates):
+    None in place of the array is one of zeros, to which float64 are added.
+    """
+
+    def scatter(x, prepared, updates):
         places, order, mask = prepared
-        if order is not None:
-            updates = updates.transpose(order)
-        updates = np.reshape(updates, -1)
-        return places, updates if mask is None else updates[mask]
-
-    def add(x, prepared, updates):
-        places, updates = arranged(prepared, updates)
-        total = np.bincount(places, updates, size).reshape(shape)
-        return total if x is None else x + total
-
-    def others(x, prepared, updates):
-        places, updates = arranged(prepared, updates)
+        updates = np.reshape(updates if order is None else updates.transpose(order), -1)
+        updates = updates if mask is None else updates[mask]
+        if x is None:
+            return np.bincount(places, updates, math.prod(shape)).reshape(shape)
         found = np.array(x).reshape(-1)
-        if operation == _SET:
+        if operation is None:
             found[places] = updates
         else:
-            getattr(np, operation).at(found, places, updates)
+            operation.at(found, places, updates)
         return found.reshape(shape)
 
-    return add if operation == _ADD and dtype == np.float64 else others
+    return scatter

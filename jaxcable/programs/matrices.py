@@ -7,21 +7,14 @@ import math
 import numpy as np
 from scipy.linalg import blas, lapack
 
-from .rules import rule
-
-
-def _aval(equation, k=0):
-    aval = equation.outvars[k].aval
-    return tuple(aval.shape), np.dtype(aval.dtype)
+from .rules import NoRuleError, places, result_of, rule, write_full
 
 
 @rule("dot_general")
 def _dot_general(block, equation, inputs):
-    a, b = inputs
-    shape, dtype = _aval(equation)
-    numbers = equation.params["dimension_numbers"]
+    (shape, dtype), numbers = result_of(equation), equation.params["dimension_numbers"]
     (of_a, of_b), (batch_a, _) = numbers
-    a, b = (_converted(block, block.full(x), dtype) for x in (a, b))
+    a, b = (_converted(block, block.full(x), dtype) for x in inputs)
     plain = not batch_a and len(of_a) == 1 and max(len(a.shape), len(b.shape)) <= 2
     if plain and len(a.shape) and len(b.shape):
         left = "{0}" if of_a[0] == len(a.shape) - 1 else "{0}.T"
@@ -62,6 +55,34 @@ def _stacked_product(shape_a, shape_b, shape, numbers):
     return text if shape == (*batch, rows, columns) else f"{text}.reshape({shape})"
 
 
+# --- factors
+
+
+def _by_lapack(name, n_core=2):
+    """Register what returns the function of a primitive for one matrix (a decorator).
+
+    It is called with the letter of the dtype in names of LAPACK and the parameters of the equation.
+    The function is mapped over leading axes of its arguments; the last `n_core` are of one matrix.
+    """
+
+    def register(make):
+        @rule(name)
+        def write(block, equation, inputs):
+            avals = [x.aval for x in equation.outvars]
+            if not any(math.prod(a.shape) for a in avals):
+                return [block.names.constant(np.zeros(a.shape, a.dtype)) for a in avals]
+            letter = {"float32": "s", "float64": "d", "int32": ""}.get(inputs[0].dtype.name)
+            if letter is None or any(not math.prod(x.shape) for x in inputs):
+                raise NoRuleError(f"{name} of {inputs[0].dtype} in shape {inputs[0].shape}")
+            function = block.names.helper(_for_each, make(letter, equation.params), n_core)
+            text = f"{function}({places(inputs)})"
+            if len(avals) == 1:
+                return write_full(block, equation, text, inputs, work=4)
+            return block.write_call(text, [block.full(x) for x in inputs], avals)
+
+    return register
+
+
 def _for_each(function, n_core):
     """Return `function` mapped over leading axes; the last `n_core` axes are those of a case."""
 
@@ -78,125 +99,73 @@ def _for_each(function, n_core):
     return mapped
 
 
-def _letter(dtype):
-    """Return the letter of a dtype in names of LAPACK; NotImplementedError for complex numbers."""
-    if dtype not in (np.float32, np.float64):
-        raise NotImplementedError(f"linear algebra of {dtype}")
-    return "s" if dtype == np.float32 else "d"
-
-
-def _write(block, equation, inputs, text):
-    """Write a call with the results of an equation; none where there is nothing to compute."""
-    avals = [x.aval for x in equation.outvars]
-    inputs = [block.full(x) for x in inputs]
-    if not any(math.prod(a.shape) for a in avals):
-        return [block.names.constant(np.zeros(a.shape, a.dtype)) for a in avals]
-    if any(not math.prod(x.shape) for x in inputs):
-        raise NotImplementedError("linear algebra of nothing")
-    if len(avals) == 1:
-        return [block.write(text, inputs, *_aval(equation), work=4)]
-    return block.write_call(text, inputs, avals)
-
-
-@rule("cholesky")
-def _cholesky(block, equation, inputs):
-    function = block.names.helper(_make_cholesky, _letter(inputs[0].dtype))
-    return _write(block, equation, inputs, f"{function}({{0}})")
-
-
-def _make_cholesky(letter):
+@_by_lapack("cholesky")
+def _cholesky(letter, _):
     factorize = getattr(lapack, f"{letter}potrf")
 
     def cholesky(a):
         factor, failed = factorize(a, lower=1, clean=1)
         return np.full_like(a, np.nan) if failed else factor
 
-    return _for_each(cholesky, 2)
+    return cholesky
 
 
-@rule("triangular_solve")
-def _triangular_solve(block, equation, inputs):
-    given = equation.params
-    solve = block.names.helper(
-        _make_triangular_solve,
-        *(_letter(inputs[0].dtype), bool(given["left_side"]), bool(given["lower"])),
-        *(bool(given["transpose_a"]), bool(given["unit_diagonal"])),
-    )
-    return _write(block, equation, inputs, f"{solve}({{0}},{{1}})")
-
-
-def _make_triangular_solve(letter, left_side, lower, transposed, unit):
-    solve = getattr(blas, f"{letter}trsm")
+@_by_lapack("triangular_solve")
+def _triangular_solve(letter, given):
+    solve, right = getattr(blas, f"{letter}trsm"), not given["left_side"]
+    lower, transposed, unit = given["lower"], given["transpose_a"], given["unit_diagonal"]
 
     def triangular_solve(a, b):
-        # the transpose of an array in C order is in the order of LAPACK: no copy
-        if a.flags.c_contiguous:
+        low, turned = lower, transposed
+        if a.flags.c_contiguous:  # its transpose is in the order of LAPACK: no copy
             a, low, turned = a.T, not lower, not transposed
-        else:
-            low, turned = lower, transposed
-        return solve(1.0, a, b, side=not left_side, lower=low, trans_a=turned, diag=unit)
+        return solve(1.0, a, b, side=right, lower=low, trans_a=turned, diag=unit)
 
-    return _for_each(triangular_solve, 2)
+    return triangular_solve
 
 
-@rule("lu")
-def _lu(block, equation, inputs):
-    function = block.names.helper(_make_lu, _letter(inputs[0].dtype))
-    return _write(block, equation, inputs, f"{function}({{0}})")
-
-
-def _make_lu(letter):
+@_by_lapack("lu")
+def _lu(letter, _):
     factorize = getattr(lapack, f"{letter}getrf")
 
     def lu(a):
         factor, pivots, _ = factorize(a)
-        return factor, pivots.astype(np.int32), permutation(pivots, len(a))
+        return factor, pivots.astype(np.int32), _row_order(pivots, len(a))
 
-    return _for_each(lu, 2)
+    return lu
 
 
-def permutation(pivots: np.ndarray, size: int) -> np.ndarray:
-    """Return the permutation of rows that pivots of LU factors stand for, [size] int32."""
+@_by_lapack("lu_pivots_to_permutation", n_core=1)
+def _permutation(_, given):
+    return lambda pivots: _row_order(pivots, given["permutation_size"])
+
+
+def _row_order(pivots, size):
+    """Return the order of rows that pivots of LU factors stand for, [size] int32."""
     order = np.arange(size, dtype=np.int32)
     for i, k in enumerate(pivots):
         order[i], order[k] = order[k], order[i]
     return order
 
 
-@rule("lu_pivots_to_permutation")
-def _permutation(block, equation, inputs):
-    function = block.names.helper(_make_permutation, equation.params["permutation_size"])
-    return _write(block, equation, inputs, f"{function}({{0}})")
-
-
-def _make_permutation(size):
-    return _for_each(lambda pivots: permutation(pivots, size), 1)
-
-
-@rule("eigh")
-def _eigh(block, equation, inputs):
-    given = equation.params
-    if given.get("subset_by_index") not in (None, (0, inputs[0].shape[-1])):
-        raise NotImplementedError("some of the eigenvalues")
-    function = block.names.helper(_make_eigh, _letter(inputs[0].dtype), bool(given["lower"]))
-    return _write(block, equation, inputs, f"{function}({{0}})")
-
-
-def _make_eigh(letter, lower):
-    solve = getattr(lapack, f"{letter}syevd")
+@_by_lapack("eigh")
+def _eigh(letter, given):
+    solve, lower = getattr(lapack, f"{letter}syevd"), int(given["lower"])
+    if given.get("subset_by_index") is not None:
+        raise NoRuleError("some of the eigenvalues")
 
     def eigh(a):
-        values, vectors, failed = solve(a, compute_v=1, lower=int(lower))
+        values, vectors, failed = solve(a, compute_v=1, lower=lower)
         if failed:
             return np.full_like(vectors, np.nan), np.full_like(values, np.nan)
         return vectors, values
 
-    return _for_each(eigh, 2)
+    return eigh
 
 
-@rule("qr")
-def _qr(block, equation, inputs):
-    if equation.params.get("pivoting"):
-        raise NotImplementedError("qr with pivoting")
-    mode = "complete" if equation.params["full_matrices"] else "reduced"
-    return _write(block, equation, inputs, f"tuple(np.linalg.qr({{0}},'{mode}'))")
+@_by_lapack("qr")
+def _qr(_, given):
+    if given.get("pivoting"):
+        raise NoRuleError("qr with pivoting")
+    mode = "complete" if given["full_matrices"] else "reduced"
+    return lambda a: tuple(np.linalg.qr(a, mode))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from ..common.compilation import without_garbage_collection
-from ..common.jax_records import held_weakly
+from ..common.jax_internals import held_weakly
 from ..common.types import Array
 from . import decision
 from .evaluator import count_equations, write_program
@@ -36,6 +36,7 @@ class Program:
     Args:
         function: function of arrays to a pytree of arrays.
         leaves: arrays in the shapes and dtypes of its arguments; their values do not matter.
+        avals: shapes and dtypes of the results, if these are known before it is traced.
 
     Attributes:
         arguments: shapes and dtypes of its arguments, as jax traces it.
@@ -43,8 +44,13 @@ class Program:
         work: work that NumPy has done with it, see `decision`.
     """
 
-    def __init__(self, function: Callable[..., Any], leaves: Sequence[Any]):
-        self._function = function
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        leaves: Sequence[Any],
+        avals: list[Any] | None = None,
+    ):
+        self._function, self._avals = function, avals
         self.arguments = [internals.abstract_argument(x) for x in leaves]
         self._tree: Any = None
         self.work = 0.0
@@ -76,7 +82,7 @@ class Program:
     @property
     def avals(self) -> list[Any]:
         """Shapes and dtypes of the results."""
-        return list(self.traced.jaxpr.out_avals)
+        return self._avals or list(self.traced.jaxpr.out_avals)
 
     def derived(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return what has been made of this program under a key, such as its derivative."""

@@ -40,16 +40,16 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
             name ``alone`` is set here: True if the function is a program of its own.
 
     Returns:
-        Function of the same arguments. By keyword it also takes ``axes``, for a batch: the axis of
-        every leaf of the arguments, or None for leaves that all cases share.
+        Function of the same arguments. By keyword it also takes ``value``, its result if that is
+        known, a pytree of floats: it is returned, and a program has its derivative only.
     """
     plain = jax.jit(function, static_argnames=static)
     known = KnownPrograms()
 
     @functools.wraps(function)
-    def run(*arguments, axes=None, **options):
+    def run(*arguments, value=None, **options):
         leaves, tree = jax.tree.flatten(arguments)
-        alone = _CALL is not None and not internals.is_tracing() and not is_debugging()
+        alone = not internals.is_tracing() and not is_debugging()
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
         if "alone" in static:  # a batch of a function with fused loops is mapped in its kernel
             options["alone"] = alone and not (traced and are_loops_fused())
@@ -59,38 +59,22 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
 
         code = own_code(tree)
         with traces_known_by(code):
-            if not alone:
+            if not alone and value is None:
                 with without_garbage_collection():
-                    if axes is None:
-                        return plain(*arguments, **options)
-                    return jax.vmap(own, axes)(*leaves)
+                    return plain(*arguments, **options)
             signature = tuple(map(_signature, leaves))
-            key = tree, signature, tuple(options.items()), axes, program_settings(), code
-            program = known.find(key, lambda: _make_program(own, leaves, axes))
-            if traced:
-                found = _CALL.bind(*map(internals.as_operand, leaves), program=program)
-            else:
-                found = program.run(leaves)
+            key = tree, signature, tuple(options.items()), program_settings(), code
+            program = known.find(key, lambda: Program(own, leaves))
+            operands = map(internals.as_operand, leaves)
+            if value is not None:
+                values, result = jax.tree.flatten(value)
+                return result.unflatten(_KNOWN.bind(*operands, *values, program=program))
+            found = _CALL.bind(*operands, program=program) if traced else program.run(leaves)
         return program.tree.unflatten(found)
 
     made: Any = run
     made.known = known.programs  # for tests
     return made
-
-
-def _make_program(function, leaves, axes):
-    """Return the `Program` of a function of arrays, or that of a batch along `axes`."""
-    if axes is None:
-        return Program(function, leaves)
-    pairs = zip(map(internals.abstract_argument, leaves), axes, strict=True)
-    case = [x if axis is None else shape_of_case(x, axis) for x, axis in pairs]
-    return MappedProgram(Program(function, case), axes, leaves)
-
-
-def shape_of_case(x: Any, axis: int = 0) -> jax.ShapeDtypeStruct:
-    """Return shape and dtype of a case of a batch along an axis."""
-    shape = x.shape[:axis] + x.shape[axis + 1 :]
-    return jax.ShapeDtypeStruct(shape, x.dtype, weak_type=x.weak_type)
 
 
 def _signature(x):
@@ -112,14 +96,6 @@ def _signature(x):
 # --- the call as a primitive
 
 
-def _replace_entries(values, places, some):
-    """Return a copy of a list in which `some` replace the entries with the indices `places`."""
-    values = list(values)
-    for k, x in zip(places, some, strict=True):
-        values[k] = x
-    return values
-
-
 class _Linearization:
     """The programs of a derivative: values and what the derivative needs, and the linear part.
 
@@ -135,21 +111,10 @@ class _Linearization:
 
     def _values_and_residuals(self, *leaves):
         """Return the results, then what the linear part needs that is no argument."""
-
-        def of_moving(*some):
-            values = self.program.function(*_replace_entries(leaves, self.moving, some))
-            return [x for x in values if jnp.issubdtype(x.dtype, jnp.inexact)], values
-
-        at = [leaves[k] for k in self.moving]
-        _, linear, values = jax.linearize(of_moving, *at, has_aux=True)
-        part = jax.make_jaxpr(linear)(*at)
-        places = {id(x): k for k, x in enumerate(leaves)}
-        self.floats = [jnp.issubdtype(x.dtype, jnp.inexact) for x in values]
-        self.places, self.part = [places.get(id(x)) for x in part.consts], part.jaxpr
-        return [
-            *values,
-            *(x for x, place in zip(part.consts, self.places, strict=True) if place is None),
-        ]
+        function = self.program.function
+        values, *linear, further = internals.linearize_entries(function, leaves, self.moving)
+        self.floats, (self.part, self.places) = list(map(internals.is_float, values)), linear
+        return [*values, *further]
 
     def changes(self, primals, found, tangents):
         """Return the changes of the results that are floats."""
@@ -167,12 +132,7 @@ class _Linearization:
 
 def _call_jvp(primals, tangents, *, program, **_):
     """Forward derivative: results and their changes, by a program each."""
-    moving = tuple(
-        k
-        for k, (x, change) in enumerate(zip(primals, tangents, strict=True))
-        if jnp.issubdtype(jax.typeof(x).dtype, jnp.inexact)
-        and not internals.is_zero_tangent(change)
-    )
+    moving = internals.moving_arguments(primals, tangents)
     if not moving:
         found = _CALL.bind(*primals, program=program)
         return found, [internals.zero_tangent(x) for x in found]
@@ -186,6 +146,35 @@ def _call_jvp(primals, tangents, *, program, **_):
     ]
 
 
+def _known_jvp(primals, tangents, *, program):
+    """Forward derivative of `_KNOWN`: the changes of its results, by a program from all arguments.
+
+    It is not traced for its shapes, which are those of the values: reverse mode traces its
+    transpose only.
+    """
+    found = _KNOWN.bind(*primals, program=program)
+    count = len(program.arguments)
+    moving = internals.moving_arguments(primals[:count], tangents[:count])
+    if not moving:
+        return found, [internals.zero_tangent(x) for x in found]
+
+    def changes(*values):
+        def of_moving(*some):
+            return program.function(*internals.replace_entries(values[:count], moving, some))
+
+        return jax.jvp(of_moving, [values[k] for k in moving], list(values[count:]))[1]
+
+    given = [*primals[:count], *(tangents[k] for k in moving)]
+    avals = list(map(internals.abstract_array, found))
+    own = program.derived(("changes", moving), lambda: Program(changes, given, avals))
+    return found, _LINEAR_CALL.bind(*given, program=own, count=count)
+
+
+def _known_values(*arrays, program):
+    """Return the known results of a program, which follow its arguments: value of `_KNOWN`."""
+    return list(arrays[len(program.arguments) :])
+
+
 def _linear_call_jvp(primals, tangents, *, program, count):
     """Forward derivative of a call that is linear in all but its first `count` arguments."""
     if any(not internals.is_zero_tangent(t) for t in tangents[:count]):
@@ -193,6 +182,10 @@ def _linear_call_jvp(primals, tangents, *, program, count):
     further = [*primals[:count], *map(internals.instantiate_tangent, tangents[count:])]
     given = {"program": program, "count": count}
     return _LINEAR_CALL.bind(*primals, **given), _LINEAR_CALL.bind(*further, **given)
+
+
+class _TransposedProgram(Program):
+    """The transpose of a linear program."""
 
 
 def _linear_call_transpose(cotangents, *arguments, program, count):
@@ -208,10 +201,14 @@ def _linear_call_transpose(cotangents, *arguments, program, count):
             found = program.function(*values[:count], *some)
             return [found[k] for k in asked]
 
-        return jax.linear_transpose(asked_for, *like)(list(values[count:]))
+        back = list(values[count:])
+        # these may have solved for roots, whose derivatives jax can transpose
+        if isinstance(program, MappedProgram | _TransposedProgram):
+            return jax.vjp(asked_for, *(jnp.zeros(x.shape, x.dtype) for x in like))[1](back)
+        return jax.linear_transpose(asked_for, *like)(back)
 
     values = [*known, *(cotangents[k] for k in asked)]
-    own = program.derived(("transpose", asked), lambda: Program(transposed, values))
+    own = program.derived(("transpose", asked), lambda: _TransposedProgram(transposed, values))
     return [None] * count + list(_LINEAR_CALL.bind(*values, program=own, count=count))
 
 
@@ -247,3 +244,11 @@ def _define(name, jvp, transpose=None):
 
 _CALL = _define("program", _call_jvp)
 _LINEAR_CALL = _define("linear_program", _linear_call_jvp, _linear_call_transpose)
+_KNOWN = internals.define_primitive(
+    "known_value",
+    _known_values,
+    _known_values,
+    _known_jvp,
+    lambda arrays, axes, **given: (_known_values(*arrays, **given), _known_values(*axes, **given)),
+    multiple_results=True,
+)

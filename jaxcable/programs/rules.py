@@ -7,6 +7,7 @@ program is compiled by XLA.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -43,3 +44,39 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
         return function
 
     return register
+
+
+def result_of(equation: Any, k: int = 0) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return shape and dtype of a result of an equation."""
+    aval = equation.outvars[k].aval
+    return tuple(aval.shape), np.dtype(aval.dtype)
+
+
+def places(inputs: Sequence[Any], first: int = 0) -> str:
+    """Return the places of inputs in a template, separated by commas: "{0},{1}"."""
+    return ",".join(f"{{{first + k}}}" for k in range(len(inputs)))
+
+
+def write_full(
+    block: Block, equation: Any, template: str, inputs: Sequence[Value], work: float | None = None
+) -> list[Value]:
+    """Write an expression of arrays in their full shapes, whose value is the result."""
+    full = [block.full(x) for x in inputs]
+    return [block.write(template, full, *result_of(equation), work=work)]
+
+
+def moves_entries(write: Callable[..., Value]) -> Rule:
+    """Return the rule of an operation that only moves entries of its first input (a decorator).
+
+    It is written by ``write(block, parameters, inputs, shape)``, `shape` that of the result, unless
+    all entries are alike.
+    """
+
+    @functools.wraps(write)
+    def rule(block, equation, inputs):
+        shape, _ = result_of(equation)
+        if inputs[0].held == ():
+            return [inputs[0]._replace(shape=shape)]
+        return [write(block, equation.params, inputs, shape)]
+
+    return rule

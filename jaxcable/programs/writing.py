@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common import jax_internals as internals
 from .block import Block, Names, Value
-from .rules import RULES, NoRuleError, numpy_dtype
+from .rules import RULES, NoRuleError, numpy_dtype, places
 
 _INLINE = 40  # equations up to which a function or branch is written where it is called
 
@@ -94,10 +94,8 @@ def write_callable(
     if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
         return write_equations(block, jaxpr, constants, inputs)
     name = block.names.function(program)
-    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
-    pure = not jaxpr.effects
-    text = f"{name}(w,{places})" if inputs else f"{name}(w)"
-    return block.write_call(text, [block.full(x) for x in inputs], avals, pure)
+    text, full = f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs]
+    return block.write_call(text, full, avals, pure=not jaxpr.effects)
 
 
 def count_calls(program: Any) -> dict[int, int]:
@@ -135,7 +133,7 @@ def make_function(names: Names, program: Any) -> Callable[..., Any]:
         found = [block.full(x) for x in write_equations(block, jaxpr, constants, inputs)]
     name, arguments = names.new("f"), ",".join(["w", *(x.name for x in inputs)])
     lines = [f"def {name}({arguments}):", f" w[0]+={round(block.work, 1)}"]
-    lines += [" " + line for line in block.render(found)]
+    lines += block.render(" ")
     lines.append(f" return ({''.join(x.name + ',' for x in found)})")
     exec(compile("\n".join(lines), f"<jaxcable program {name}>", "exec"), names.space)
     return names.space[name]

@@ -115,6 +115,7 @@ def test_transformations_of_linear_maps():
         (jax.jit(pull)(ones)[0], total),
         (jax.linear_transpose(push, scale)(ones)[0], total),
         (jax.grad(lambda x: pull(x)[0] @ change)(ones), exact @ change),
+        (jax.grad(lambda x: jax.vmap(push)(x).sum())(np.eye(2)), np.tile(total, (2, 1))),
         (jax.jacrev(scaled_net)(scale), exact),
     ]
     for own, other in pairs:
@@ -132,12 +133,12 @@ def test_nothing_is_solved_again(monkeypatch):
         raise AssertionError("the increments are solved again")
 
     monkeypatch.setattr(one_phase.newton, "solve_increments", refuse)
-    recalled_derivative.adjoint_of_solution.known.clear()
+    recalled_derivative.recalled_results.known.clear()
     rate = jax.grad(measure)(load, nodes)
     assert set(phase_loop.analyse.known) == before
-    assert len(recalled_derivative.adjoint_of_solution.known) == 1
     jax.grad(measure)(1.1 * load, 1.001 * nodes)
-    assert len(recalled_derivative.adjoint_of_solution.known) == 1
+    (program,) = recalled_derivative.recalled_results.known.values()
+    assert len(program.known.programs) == 1  # the changes, of which the transpose is made
     h = 1e-3 * load  # error of fourth order: 1e-12 of the fifth derivative
     f = [measure(load + k * h, nodes) for k in (-2, -1, 1, 2)]
     np.testing.assert_allclose(rate, (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h), rtol=1e-7)

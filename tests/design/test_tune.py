@@ -126,7 +126,7 @@ def test_a_search_that_passes_forces_that_no_cable_has():
 def test_analyses_and_derivatives_are_not_traced_again():
     """Not by other numbers of structure, phases and targets, nor by the same call."""
     tune(MAST, STAGES, FORCES, [UPRIGHT])
-    programs = [phase_loop.analyse, recalled_derivative.change_of_solution]
+    programs = [phase_loop.analyse, recalled_derivative.recalled_results]
     before = [set(run.known) for run in programs]
     other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)
     elsewhere = Target("tension", 60e3, at=[0], on="stays", phase=0, within=100.0)
