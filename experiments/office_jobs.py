@@ -26,7 +26,7 @@ from benchmarks.measure import bare
 from record import ROOT, Record
 
 START = """
-import jax, numpy as np, jax.numpy as jnp, optax
+import jax, numpy as np, jax.numpy as jnp
 jax.config.update("jax_enable_x64", True)
 import jaxcable as jc
 """
@@ -64,6 +64,8 @@ def mast(jax, jnp, np, jc):
 
 def wheel(jax, jnp, np, jc):
     """Erect a spoked wheel, optimize the pretension, try a hundred sets of inexact spokes."""
+    import optax
+
     structure, phases = jc.scenes.roof_ring(24)
     erected = jc.solve(structure, phases)
     nothing, rng = dict.fromkeys(structure.elements), np.random.default_rng(1)

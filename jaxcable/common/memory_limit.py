@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import jax
@@ -48,7 +49,11 @@ def _available_machine_bytes():
     try:
         lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
         return 1024 * int(dict(line.split(":") for line in lines)["MemAvailable"].split()[0])
-    except (OSError, KeyError):  # on other systems
+    except (OSError, KeyError):
+        pass
+    try:  # other systems: all of the memory
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
         return None
 
 

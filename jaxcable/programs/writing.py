@@ -77,9 +77,7 @@ def write_compiled(block: Block, equation: Any, inputs: Sequence[Value]) -> list
 
     name = block.names.new("x")
     block.names.space[name] = compute
-    places = ",".join(f"{{{k}}}" for k in range(len(inputs)))
-    text, full = f"{name}({places})", [block.full(x) for x in inputs]
-    return block.write_call(text, full, avals, pure=True)
+    return block.write_call(f"{name}({places(inputs)})", [block.full(x) for x in inputs], avals)
 
 
 def write_callable(
