@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from extensions.own_elements import GroundSprings, TurningSprings
+from extensions.own_elements import GroundSprings
 from extensions.own_laws import Maxwell, Prager
 from extensions.own_links import Brittle, Dampers, Hooks, Lying, Series, Thrusters
 from numpy.testing import assert_allclose
@@ -169,31 +169,6 @@ def test_paths_of_own_elements_to_their_failure():
 SECTION = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
 
 
-@pytest.mark.slow
-def test_springs_hold_a_beam():
-    """A ball joint with springs at the foot of a cantilever, a spring to the ground at its tip.
-
-    A small load: P = (k + 1 / (L^3 / 3 EI + L^2 / c)) u. Then a moment turns the foot, and the beam
-    with it, far: M = c theta.
-    """
-    k, c, EI, L, moment = 4e3, 2e3, 1e9 * 0.1**4 / 12, 2.0, 1500.0
-    elements = {
-        "beam": jc.Beams([[0, 1]], section=SECTION),
-        "foot": TurningSprings([[0]], np.array([c])),
-        "tip": GroundSprings([[1]], [[0.0, 0.0, k]]),
-    }
-    structure = jc.Structure([[0.0, 0, 0], [L, 0, 0]], elements, jc.pinned([0]))
-    loads = jc.NodalLoads([1], (0.0, 0.0, -1.0)), jc.NodalLoads([0], np.zeros(3), (0, 0, moment))
-    solution = jc.solve(structure, [jc.Phase(loads=load, increments=4) for load in loads])
-    assert solution.status == status.OK
-    sunk = 1 / (k + 1 / (L**3 / (3 * EI) + L**2 / c))
-    assert_allclose(-solution.phases[0].displacement[1, 2], sunk, rtol=1e-6)  # (u / L)^2, shares
-    angle, turn = moment / c, solution.rotation[0]
-    assert_allclose(2 * np.arctan2(turn[3], turn[0]), angle, rtol=1e-6)
-    assert_allclose(solution.positions[1, :2], L * np.array([np.cos(angle), np.sin(angle)]), 1e-6)
-    assert solution.tension["foot"] is None and solution.section_forces["foot"] is None
-
-
 # --- unsymmetric elements
 
 PUSH, D = 10.0, 2.0
@@ -269,19 +244,6 @@ def loaded(force, factors):
 
 
 @pytest.mark.slow
-def test_a_law_with_memory_by_itself():
-    rng = np.random.default_rng(3)
-    strain, p = rng.uniform(-6e-3, 6e-3, 50), rng.uniform(-3e-3, 3e-3, (50, 1))
-    stress = LAW.stress_at(strain, p)
-    slope = jax.vmap(jax.grad(LAW.energy_at))(strain, p)
-    assert_allclose(slope, stress, atol=1e-6)  # of 1e9 Pa
-    assert_allclose(LAW.strain_at(stress, p), strain, atol=1e-15)
-    after = LAW.commit_memory(strain, p)
-    assert_allclose(LAW.stress_at(strain, after), stress, atol=1e-6)
-    assert np.abs(after - p).max() > 1e-4
-
-
-@pytest.mark.slow
 def test_a_law_with_memory_is_that_of_points_with_elastic_unloading():
     """One part that yields beside an elastic one: the parallel model of the same curve.
 
@@ -324,31 +286,25 @@ def test_increments_of_a_law_with_memory_have_derivatives():
 
 
 @pytest.mark.slow
-def test_inner_numbers_without_rotations():
-    """Two springs one behind the other between cables, along inclined supports: one spring each."""
-    nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, -3.0]])
-    slope = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
-    supports = jc.pinned([0]) + jc.restrained([1], "yz") + jc.restrained([2], "xy", axes=slope)
-    load = np.array([[10.0, 0.0, 0.0], [0.0, 0.0, -20.0]])
+def test_inner_unknowns_without_rotations():
+    """Two springs one behind the other, by their statics and the derivative of them."""
 
     def analysed(first):
-        springs = Series([[0, 1], [1, 2]], first, 500.0)
-        elements = {"springs": springs, "cable": jc.Cables([[0, 2]], axial_stiffness=1e4)}
-        structure = jc.Structure(nodes, elements, supports)
-        return jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1, 2], load), increments=2))
+        structure = jc.Structure(
+            [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]],
+            Series([[0, 1]], first, 500.0),
+            jc.pinned([0]) + jc.restrained([1], "yz"),
+        )
+        load = jc.NodalLoads([1], (10.0, 0.0, 0.0))
+        solution = jc.solve(structure, jc.Phase(loads=load, increments=2))
+        return solution.displacement[1, 0], (solution.status, solution.tension)
 
-    solution = converged(analysed(300.0))
-    places = nodes + np.asarray(solution.displacement)
-    along, before = np.diff(places, axis=0), np.array([2.0, 3.0])
-    length = np.linalg.norm(along, axis=1)
-    force = 300.0 * 500.0 / 800.0 * (length - before)
-    assert_allclose(solution.tension["springs"], force, rtol=1e-8)
-    pull = force[:, None] * along / length[:, None]
-    assert_allclose(load[0, 0], (pull[0] - pull[1])[0], rtol=1e-9)
-    assert abs(solution.displacement[2] @ slope[0]) < 1e-15  # held along the inclined axis
-    rate = jax.grad(lambda first: analysed(first).displacement[1, 0])(300.0)
-    ends = [analysed(300.0 + step).displacement[1, 0] for step in (1e-2, -1e-2)]
-    assert_allclose(rate, (ends[0] - ends[1]) / 2e-2, rtol=1e-6)  # of order step^2
+    rate, (code, tension) = jax.grad(analysed, has_aux=True)(300.0)
+    assert code == status.OK
+    # residuals are up to 1e-10 of the force
+    assert_allclose(tension, 10.0, rtol=1e-9)
+    assert_allclose(analysed(300.0)[0], 10.0 / 300.0 + 10.0 / 500.0, rtol=1e-9)
+    assert_allclose(rate, -10.0 / 300.0**2, rtol=1e-9)
 
 
 @pytest.mark.slow_cases("newton")
@@ -385,20 +341,6 @@ def test_a_memory_of_where_an_element_was(method):
     between = (followed(150.0 + step)[-1] - followed(150.0 - step)[-1]) / (2 * step)
     assert_allclose(slope, between, rtol=1e-6)
     assert np.abs(first[0] - LOAD / 4 / K[0]).min() > 1e-4  # without damper
-
-
-@pytest.mark.slow
-def test_a_memory_begins_where_an_element_is_added():
-    """A damper that a phase adds beside a bar: ``(k + c) u = 2 F + c u_before``."""
-    elements = {"bar": jc.Bars([[0, 1]], axial_stiffness=600.0), "damper": Dampers([[0, 1]], 150.0)}
-    supports = jc.pinned([0]) + jc.restrained([1], "yz")
-    structure = jc.Structure([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], elements, supports)
-    load = jc.NodalLoads([1], (3.0, 0.0, 0.0))
-    stages = [jc.Phase(loads=load), jc.Phase(adds="damper", loads=load)]
-    solution = converged(jc.solve(structure, stages))
-    assert_allclose(solution.phases[0].displacement[1, 0], 3.0 / 300.0, rtol=1e-9)
-    moved = (2 * 3.0 + 150.0 * 3.0 / 300.0) / (300.0 + 150.0)
-    assert_allclose(solution.displacement[1, 0], moved, rtol=1e-9)
 
 
 @pytest.mark.slow

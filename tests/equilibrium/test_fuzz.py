@@ -23,15 +23,6 @@ SHAPES = [
     ("softening", "float64"),
     ("memory", "float64"),
 ]
-SLOW_SHAPES = [
-    ("mixed", "float32"),
-    ("cut net", "float32"),
-    ("hardening", "float64"),
-    ("hanging", "float64"),
-    ("pushed", "float32"),
-    ("ropes", "float64"),
-    ("released", "float64"),
-]
 
 
 def settings(count):
@@ -62,15 +53,6 @@ ODD = pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers ove
 @settings(100)
 @hypothesis.given(recipes(SHAPES))
 def test_scenes(recipe):
-    name, defect = outcome(recipe)
-    assert defect is None, f"{name}; {defect}; {recipe}"
-
-
-@ODD
-@pytest.mark.slow
-@settings(200)
-@hypothesis.given(recipes(SLOW_SHAPES))
-def test_scenes_of_other_shapes(recipe):
     name, defect = outcome(recipe)
     assert defect is None, f"{name}; {defect}; {recipe}"
 

@@ -2,14 +2,12 @@
 
 import json
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import shapes
 from extensions.own_membrane import Membranes, sheet
 from oracles.convergence import converged
-from oracles.traced import traced
 
 import jaxcable as jc
 
@@ -89,19 +87,6 @@ def test_a_released_structure_keeps_the_rounding_of_its_start():
     # the last two have that of their start, which is more than that of their end
     rounding = [float(phase.path.rounding[0]) for phase in solution.phases[2:]]
     np.testing.assert_allclose(rounding, rounding_by_hand(np.array([0.3, 0.15])), rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_rounding_of_the_incremental_scheme_is_that_of_its_states():
-    """A state has it, whatever led there: 8 eps u with the u of the scheme, which drifts."""
-    solution = solve_to_sinks(SINK, jc.Incremental(corrections=1))
-    sinks = np.array([-float(phase.displacement[1, 2]) for phase in solution.phases])
-    residual, _, rounding = np.concatenate(
-        [residuals_of(p.path) for p in solution.phases[1:]], axis=1
-    )
-    np.testing.assert_allclose(rounding, rounding_by_hand(sinks[1:]), rtol=1e-12)
-    assert (np.abs(sinks[1:] - SINK) > 1e-8).all()  # control: not that of the equilibrium
-    assert (residual > 1e6 * rounding).all()  # it does not end at rounding
 
 
 @pytest.mark.slow
@@ -193,20 +178,6 @@ def test_rounding_of_a_failed_increment():
 
 
 # --- it goes where the residual goes
-
-
-@pytest.mark.slow
-def test_batches_and_their_cases_have_the_rounding():
-    steps = np.array([[1e3, 2e3, 3e3], [2e3, 1e3, 4e3]])
-    batch = traced(jax.vmap(solve_load_steps))(steps)
-    assert batch.status.tolist() == [0, 0]
-    second, alone = jax.tree.map(lambda x: x[1], batch), solve_load_steps(steps[1])
-    for many, part in zip(batch.phases, second.phases, strict=True):
-        assert many.path.rounding.shape == many.path.residual.shape == (2, 1)
-        np.testing.assert_array_equal(part.path.rounding, many.path.rounding[1])
-    # where the node has moved by more than rounding
-    rounding = alone.phases[-1].path.rounding
-    np.testing.assert_allclose(second.phases[-1].path.rounding, rounding, rtol=1e-9)
 
 
 @pytest.mark.slow_cases(".npz")

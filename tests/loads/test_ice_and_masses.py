@@ -42,45 +42,6 @@ def test_iced_weight_by_hand():
     assert (load[[0, 1, 3]] == 0).all() and (load[:, :2] == 0).all()
 
 
-@pytest.mark.slow
-def test_groups_phases_and_elements_that_come_and_go():
-    """Two groups of one kind, evaluated as one; three profiles in phases that others precede."""
-    law = jc.WindPowerLaw(20.0, 0.2)
-    down = (0.0, 0.0, -2.0)
-    phases = [
-        TAUT,
-        jc.Phase(loads=jc.WindLoads(down, TABLE, 1.0, 0.5, factor=0.2)),
-        jc.Phase(loads=jc.WindLoads(down, TABLE, [1.0, 2.0], 0.04, on="back", ice=[0.03, 0.0])),
-        jc.Phase(
-            loads=[
-                jc.WindLoads(down, law, 1.0, 1e-9, on="front"),
-                jc.WindLoads(down, jc.EurocodeWind(20.0, "II"), 1.0, 1e-9),
-                jc.WindLoads(down, TABLE, 1.0, 0.1, elements=jc.only([1]), on="front"),
-            ]
-        ),
-        jc.Phase(removes={"front": jc.only([1]), "back": None}),
-    ]
-    solution = converged(jc.solve(hub(), phases))
-    steps = np.diff([np.asarray(phase.load) for phase in solution.phases], axis=0)
-    for step, amounts in zip(
-        steps,
-        ([0.1] * 4, [0, 0, 0.1, 0.08], [0, 0.1, 0, 0], [0, -0.2, 0, 0]),
-        strict=True,
-    ):
-        expected = by_hand(np.array(amounts))
-        # 1e-9 m of other profiles
-        np.testing.assert_allclose(step[4], at_hub(amounts), rtol=1e-6, atol=1e-5)
-        np.testing.assert_allclose(step.sum(axis=0), expected.sum(axis=0), rtol=1e-6, atol=1e-5)
-
-
-def at_hub(amounts):
-    """The wind at the middle node: half of the load, with pressures at two thirds of the way."""
-    height = SQUARE[SPOKES[:, 0], 2], SQUARE[SPOKES[:, 1], 2]
-    mean = 300.0 + 100.0 * (height[0] + height[1]) / 2
-    share = (300.0 + 100.0 * (height[0] + 2 * height[1]) / 3) / mean / 2
-    return (share[:, None] * by_hand(np.array(amounts))).sum(axis=0)
-
-
 def test_wind_in_the_geometry_where_its_phase_begins():
     nodes = [[0.0, 0, 0], [0.0, 0, 4.0]]
     structure = jc.Structure(nodes, jc.Cables([[0, 1]], 1e3), jc.pinned([0, 1]))

@@ -233,51 +233,6 @@ def test_sections_of_one_kind(alone, sort):
     assert_as_alone(alone, structure, phases)
 
 
-@pytest.mark.slow
-def test_paths(alone):
-    """Events name elements of their own groups."""
-    structure = net()
-    phases = [
-        jc.Phase(pretension={"a": 300.0, "b": 200.0, "c": 100.0, "strut": None}),
-        jc.Phase(loads=jc.NodalLoads([4], (300.0, 0.0, -900.0))),
-    ]
-    found, expected = jc.trace_path(structure, phases), alone(jc.trace_path, structure, phases)
-    assert found.status == expected.status == status.OK
-    assert len(found.events) > 0
-    assert (found.events.kind == expected.events.kind).all()
-    for own, other in zip(
-        *map(jax.tree.leaves, (found.events.elements, expected.events.elements)), strict=True
-    ):
-        assert (np.asarray(own) == np.asarray(other)).all()
-    assert_allclose(found.events.load_factor, expected.events.load_factor, rtol=1e-7)
-    assert_allclose(found.load_factor[-1], expected.load_factor[-1], rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_gradients(alone):
-    """By the stiffness of one group, the prestress of another, the law that a third one has."""
-
-    def height(numbers):
-        stiffness, prestress, modulus = numbers
-        structure = net(lambda factor: jc.Elastic(modulus * factor))
-        b = jc.replace(structure.elements["b"], area=1e-4 * stiffness * jnp.ones(3))
-        structure = jc.replace(structure, elements={**structure.elements, "b": b})
-        first = jc.Phase(pretension={"a": prestress, "b": 200.0, "c": 100.0, "strut": None})
-        loads = jc.Phase(loads=[jc.SelfWeight(), jc.NodalLoads([4], (0.0, 0.0, -90.0))])
-        solution = jc.solve(structure, [first, loads])
-        return solution.displacement[4, 2] + 1e-3 * solution.tension["c"][0]
-
-    def both(numbers):
-        return jax.value_and_grad(height)(numbers)
-
-    at = 2.0, 300.0, 1e9
-    (value, found), (_, expected) = traced(both)(at), alone(traced(lambda x: both(x)), at)
-    assert_allclose(found, expected, rtol=1e-9)
-    assert np.all(np.asarray(found) != 0)
-    cases = tuple(np.stack([x, 1.1 * x]) for x in at)
-    assert_allclose(traced(jax.vmap(height))(cases)[0], value, rtol=1e-9)
-
-
 def test_traced_law_keeps_its_rules():
     """A modulus that is no stiffness, traced, in one group of a bundle: a status and no number."""
 

@@ -236,17 +236,6 @@ def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
     return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment
 
 
-def offset_cantilever(P, N, L, EA, EI, e):
-    """Tip (u along x, w along z, slope w' = -rotation about y) of the axis of the nodes.
-
-    Centroid at z = e off that axis; P along z and N along x act at the tip, on the axis. EI about
-    the centroid. From EI w'' = P (L - x) + N e and e0 = N / EA + e w''.
-    """
-    w = P * L**3 / (3 * EI) + N * e * L**2 / (2 * EI)
-    slope = P * L**2 / (2 * EI) + N * e * L / EI
-    return N * L / EA + e * slope, w, slope
-
-
 @dataclass(frozen=True)
 class CrackedSection:
     """Rectangle b x h [m] of elastic concrete without tension, elastic steel As [m2] at z = +-d.
