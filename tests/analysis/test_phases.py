@@ -185,21 +185,6 @@ def test_start_continues_from_a_solution(by_tension):
     assert_same(same.displacement, by_tension.displacement)
 
 
-@pytest.mark.slow
-def test_start_remembers_supports_and_weight():
-    structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, weight=3.0))
-    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
-    mask[3] = True
-    dead = jc.Phase(pretension=200.0, loads=jc.SelfWeight(), supports=jc.Supports(mask))
-    first = solved(structure, [dead])
-    whole = solved(structure, [dead, LOADING])
-    again = solved(structure, [LOADING], start=first)
-    assert_same(again.displacement, whole.displacement)
-    assert float(again.load[:, 2].sum()) == pytest.approx(
-        -4 * 75 - 3 * np.sum(np.asarray(again.rest_length)), rel=1e-12
-    )
-
-
 def test_path_reports_each_increment(by_tension):
     """Each row of the path is the solution of the analysis that ends there."""
     path = by_tension.phases[1].path

@@ -89,22 +89,6 @@ def test_a_released_structure_keeps_the_rounding_of_its_start():
     np.testing.assert_allclose(rounding, rounding_by_hand(np.array([0.3, 0.15])), rtol=1e-9)
 
 
-@pytest.mark.slow
-def test_rounding_along_a_traced_path():
-    structure = two_links()
-    balance = jc.NodalLoads([1], (0.0, 0.0, -length_and_load(0.0)[1]))
-    more = jc.NodalLoads([1], (0.0, 0.0, length_and_load(0.0)[1] - length_and_load(0.3)[1]))
-    phases = [jc.Phase(pretension=FORCE, loads=balance), jc.Phase(loads=more)]
-    path = converged(jc.trace_path(structure, phases))
-    residual, relative, rounding = residuals_of(path)
-    sink = -np.asarray(path.displacement)[:, 1, 2]
-    assert len(sink) > 5 and sink[-1] == pytest.approx(0.3, rel=1e-9)
-    # of the end or of the guess, whichever is more: predictors miss by some 0.1 % here
-    known = rounding_by_hand(sink)
-    assert (rounding >= known * (1 - 1e-12)).all() and (rounding <= known * 1.01).all()
-    assert ((relative <= TOL) | (residual <= rounding)).all()
-
-
 # --- converged means below the larger of tolerance and rounding
 
 

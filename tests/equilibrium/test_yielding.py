@@ -75,16 +75,6 @@ def test_a_link_loaded_beyond_its_curve_fails(method):
         jc.raise_if_failed(solution)
 
 
-@pytest.mark.slow
-def test_plastic_strains_freeze_at_a_failure():
-    force = FY * AREA
-    solution = jc.solve(one_bar(), phases_to_forces(1.1 * force, 10.1 * force))
-    assert int(solution.status) == status.MATERIAL_FAILURE
-    again = converged(jc.solve(one_bar(), phases_to_forces(-1.1 * force), start=solution.last))
-    expected = 0.1 * FY * (1 / (HARD * E) - 1 / E)
-    assert float(again.positions[1, 0]) / 2 - 1 == pytest.approx(expected, rel=1e-9)
-
-
 def plastic_tip_deflection(P, L, b, h, E, strength):
     """Of an elastic-perfectly-plastic rectangular cantilever (h along P > 0), up to collapse.
 

@@ -181,16 +181,6 @@ def test_parts_are_kept_in_files(tmp_path):
     assert [load.on for load in again] == ["back", "back"]
 
 
-def test_elements_do_not_compile_anew():
-    """Which elements are loaded is data of the program, not the program."""
-    one, two = (
-        jc.SelfWeight(on="back", elements=jc.only(chosen)).with_group_numbers(hub())
-        for chosen in ([0], [0, 1])
-    )
-    assert jax.tree.structure(one) == jax.tree.structure(two)
-    assert jnp.sum(two.element_factors[0]) == 2
-
-
 # --- derivatives: all kinds of loads on a pyramid
 
 TOP = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0.05, 0.5]])

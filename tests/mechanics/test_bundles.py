@@ -16,7 +16,6 @@ from jaxcable.common import status
 from jaxcable.common.tree import copy_with
 from jaxcable.mechanics import bundles
 from jaxcable.mechanics.bundles import Bundles
-from jaxcable.results.energy import energy_balance
 
 # other loads alone
 pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
@@ -168,27 +167,6 @@ def test_goes_on(alone):
         found, expected = goes_on(), alone(goes_on)
         assert found.status == status.OK
         assert_same(found, expected)
-
-
-@pytest.mark.slow
-def test_laws_of_one_kind(alone):
-    """With plastic strains."""
-
-    def law(factor):
-        strain = np.array([0.0, 1.5e-3, 0.02]) * (1 + 0.1 * factor)
-        return jc.Polygonal(strain, np.array([0.0, 3e6, 6e6]), "elastic")
-
-    structure = net(law)
-    assert len(Bundles.of(structure.motion_rows()[1]).group_indices) == 2
-    loads = jc.NodalLoads([4, 9], (0.0, 20.0, -150.0))
-    phases = [
-        jc.Phase(prestrain={"a": 1.2e-3, "b": 1e-3, "c": 5e-4, "strut": None}),
-        jc.Phase(loads=loads, increments=4),
-        jc.Phase(loads=loads.scaled(-0.8), increments=2),
-    ]
-    found = assert_as_alone(alone, structure, phases)
-    works = energy_balance(structure, phases, found)
-    assert_same(works, alone(energy_balance, structure, phases, found))
 
 
 def mast(sections, **more):

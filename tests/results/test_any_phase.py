@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.convergence import converged
-from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.results.interpolation import interpolate_section_forces
@@ -87,21 +86,6 @@ def test_polynomials_through_gauss_lobatto_points(count):
         np.testing.assert_allclose(found[:, k], moment(x), atol=1e-11 * size)
     np.testing.assert_allclose(found[:, 2], slope(x) / length, atol=1e-10 * size)
     np.testing.assert_allclose(found[:, 1], -slope(x) / length, atol=1e-10 * size)
-
-
-@pytest.mark.slow
-def test_forces_of_a_phase_have_derivatives(propped):
-    structure, _ = propped
-
-    def moment(load):  # at 0.3 of the span at the end of the first of two phases, N m
-        first = jc.Phase(loads=jc.LineLoads(jnp.array([0.0, 0.0, -1.0]) * load))
-        second = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -LOAD)))
-        solution = jc.solve(structure, [first, second])
-        return jc.section_forces(structure, solution.phases[0], places=[0.3])[0, 0, 4]
-
-    slope = float(traced(jax.grad(moment))(LOAD))
-    expected = -(SPAN**2) * (-1 / 8 + 5 / 8 * 0.3 - 0.3**2 / 2)
-    assert slope == pytest.approx(expected, rel=1e-3)  # of linear theory
 
 
 def test_what_is_refused(propped):

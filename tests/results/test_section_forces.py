@@ -106,30 +106,6 @@ def test_forces_along_a_beam_in_linear_theory(name, n):
         assert np.abs(peaks[own] - exact[own, 0, 0]).max() < 1e-9 * size * 6.0
 
 
-@pytest.mark.slow
-def test_a_column_of_an_unsymmetric_section_under_force_and_moment():
-    """An angle whose axis is at a corner: N, My and Mz couple, and the strains say what they do."""
-    corners = [[0, 0], [0.1, 0], [0.1, 0.01], [0.01, 0.01], [0.01, 0.15], [0, 0.15]]
-    angle = jc.Section.polygon(corners, None, LAW, 0.01).shifted(0.02, -0.03)
-    stiffness = np.asarray(angle.stiffness())
-    structure = beam(1, (0.0, 0.0, 4.0), jc.clamped([0]), section=angle, up=(1.0, 0.0, 0.0))
-    load = np.array([2e-3, 1e-3, -5e-3])
-    moment = np.array([1e-3, -2e-3, 0.0])
-    solution = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], load, moment))))
-    members = [oracle.Member(0, 1, D=stiffness, GJ=GJ, up=(1.0, 0.0, 0.0))]
-    loads = np.zeros((2, 6))
-    loads[1] = *load, *moment
-    found = oracle.solve_frame(structure.nodes, members, hold(0, "xyz", "xyz"), loads)
-    moved = np.asarray(solution.displacement)[1]
-    # second order: deflections of 1e-7 m on 4 m
-    assert np.abs(moved - found.displacements[1, :3]).max() < 1e-6 * np.abs(moved).max()
-    forces = np.asarray(jc.section_forces(structure, solution, PLACES))[0]
-    exact = found.internal(0, PLACES)
-    assert np.abs(forces - exact).max() < 1e-6 * np.abs(exact).max()
-    strain = np.asarray(solution.phases[0].path.strain)[-1, 0]  # at 0, 1/2, 1
-    assert np.abs(strain @ stiffness - exact[::4][:, [0, 4, 5]]).max() < 1e-6 * np.abs(exact).max()
-
-
 # --- neutral axes off the axis of the nodes
 
 
