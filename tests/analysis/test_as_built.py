@@ -180,13 +180,6 @@ def test_a_mast_that_moves_ends_in_the_stated_tension():
     assert np.abs(other / np.asarray(TENSIONS) - 1).max() > 0.05
 
 
-def guyed(feet, height, tower, guys):
-    """A tower on a hinge, node 0, with guys from its feet to its top, node 1."""
-    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, height], *feet]
-    elements = {"tower": jc.Bars([[0, 1]], axial_stiffness=tower), "guys": guys}
-    return jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4]))
-
-
 GUYS = [[2, 1], [3, 1], [4, 1]]
 
 
@@ -325,7 +318,11 @@ HEIGHT = 70.0
 
 
 def tower(kind):
-    return guyed(FEET, HEIGHT, 1e12, kind(GUYS, axial_stiffness=1e6))
+    """A tower on a hinge, node 0, with guys from their feet to its top, node 1."""
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, HEIGHT], *FEET]
+    guys = kind([[2, 1], [3, 1], [4, 1]], axial_stiffness=1e6)
+    elements = {"tower": jc.Bars([[0, 1]], axial_stiffness=1e12), "guys": guys}
+    return jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4]))
 
 
 def top_by_statics(tensions):
