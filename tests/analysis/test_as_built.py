@@ -111,9 +111,10 @@ def test_spans_are_built_as_stated(loads, at):
 
 # --- a mast that moves: a post with three guys at its top
 
-HEIGHT, REACH = 40.0, np.array([30.0, 35.0, 40.0])  # m
-ANGLES = np.radians([0.0, 110.0, 250.0])
-FEET = np.stack([REACH * np.cos(ANGLES), REACH * np.sin(ANGLES), [0.0, 3.0, -4.0]], axis=1)
+# feet of three guys, not at one level, and height of the post; m (of the tower: ft and lb)
+AROUND = np.radians([0, 120, 240])
+FEET = np.stack([56 * np.cos(AROUND), 56 * np.sin(AROUND), [0, -2, 2]], axis=1)
+HEIGHT = 70.0
 STRENGTH = np.array([150e3, 180e3, 160e3])  # N
 
 
@@ -178,9 +179,6 @@ def test_a_mast_that_moves_ends_in_the_stated_tension():
     plain = jc.solve(structure, built("pretension", TENSIONS)[0])
     other = np.linalg.norm(end_forces(plain), axis=1)
     assert np.abs(other / np.asarray(TENSIONS) - 1).max() > 0.05
-
-
-GUYS = [[2, 1], [3, 1], [4, 1]]
 
 
 def moved(v):
@@ -309,12 +307,6 @@ def test_straight_elements_take_an_end_tension_as_a_jack():
             ValueError, match=rf"phases\[0\].{name}\['guys'\]: trace_path takes no prestress"
         ):
             jc.trace_path(mast(), phase)
-
-
-# feet of three guys, not at one level, and height of a tower on a hinge; ft and lb
-AROUND = np.radians([0, 120, 240])
-FEET = np.stack([56 * np.cos(AROUND), 56 * np.sin(AROUND), [0, -2, 2]], axis=1)
-HEIGHT = 70.0
 
 
 def tower(kind):

@@ -6,6 +6,7 @@ import pytest
 from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
+from scenes.frames import in_plane
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
@@ -18,15 +19,6 @@ STEEL = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.05, STEEL, (10, 10))
 EA, EI = float(BOX.stiffness()[0, 0]), float(BOX.stiffness()[1, 1])
 RNG = np.random.default_rng(5)
-
-
-def in_plane(n_node, clamped=(), pinned=()):
-    """Supports of a structure in the x-z plane: no displacement along y, rotation about y only."""
-    mask = np.zeros((n_node, 6), bool)
-    mask[:, [1, 3, 5]] = True
-    mask[list(clamped)] = True
-    mask[list(pinned), :3] = True
-    return jc.Supports(mask)
 
 
 # --- one element
