@@ -331,6 +331,7 @@ def top_by_statics(tensions):
     return top(fsolve(moments, [0.1, 0.1], xtol=1e-14))
 
 
+@pytest.mark.slow_cases("Cables")
 @pytest.mark.parametrize("kind", [jc.Cables, jc.Catenaries])
 def test_equal_guys_hold_a_hinged_tower_by_their_lengths(kind):
     """Under three constant forces it would fall over; by lengths it leans 2.88 ft, and is stable.

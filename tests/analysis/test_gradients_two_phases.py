@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.flatten_util import ravel_pytree
 from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
 
@@ -184,23 +185,32 @@ def mast(p):
 # --- Taylor tests of both
 
 
+ALL = "all at once"
+
+
 def assert_taylor(function, parameters, name):
+    """By one parameter, or by every entry of all, each of which takes its own step."""
     values, sizes = ({name: pair[k] for name, pair in parameters.items()} for k in (0, 1))
-    gradient = assert_gradient(function, values, sizes, [name])
-    assert (np.asarray(gradient[name]) != 0).all()  # every entry matters
+    if name != ALL:
+        gradient = assert_gradient(function, values, sizes, [name])[name]
+    else:
+        steps = {k: jnp.full(jnp.shape(x), sizes[k] * jnp.abs(x).max()) for k, x in values.items()}
+        start, as_tree = ravel_pytree(values)
+        each = ravel_pytree(steps)[0]
+        gradient = assert_gradient(
+            lambda x: function(as_tree(start + each * (x - 1))), jnp.ones_like(start)
+        )
+    assert (np.asarray(gradient) != 0).all()  # every entry matters
 
 
-@pytest.mark.slow_cases(  # loads have tests of their own in `tests/loads`
-    *("area", "axial_stiffness", "nodes", "weight", "nodal loads", "line load"),
-    *("direction of weight", "support movement", "temperature", "rest_length"),
-)
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.quick_cases(ALL)
+@pytest.mark.parametrize("name", [ALL, *PARAMETERS])
 def test_taylor_of_a_net(name):
     assert_taylor(net_with_everything, PARAMETERS, name)
 
 
-@pytest.mark.slow_cases("nodes")
-@pytest.mark.parametrize("name", MAST_PARAMETERS)
+@pytest.mark.quick_cases(ALL)
+@pytest.mark.parametrize("name", [ALL, *MAST_PARAMETERS])
 def test_taylor_of_a_mast(name):
     assert_taylor(mast, MAST_PARAMETERS, name)
 

@@ -170,10 +170,13 @@ def test_wrong_statements_are_refused(own, message):
 def test_traced_numbers_keep_their_rules():
     with pytest.raises(ValueError, match=r"stiffness\[0\] = -1.0: must be positive"):
         Saddles([[0, 1, 2]], -1.0)
-    soft = traced(lambda k: jc.solve(rope(ropes=Saddles([[0, 1, 2]], k)), history()[:1]).status)
-    assert [int(soft(k)) for k in (EA, -EA)] == [status.OK, status.INVALID_INPUT]
-    codes = traced(jax.vmap(lambda mu: jc.solve(rope(), history(mu)[:1]).status))
-    assert codes(jnp.array([MU, -MU])).tolist() == [status.OK, status.INVALID_INPUT]
+
+    def code(stiffness, friction):
+        ropes = Saddles([[0, 1, 2]], stiffness)
+        return jc.solve(rope(ropes=ropes), history(friction)[:1]).status
+
+    codes = traced(jax.vmap(code))(jnp.array([EA, -EA, EA]), jnp.array([MU, MU, -MU]))
+    assert codes.tolist() == [status.OK, status.INVALID_INPUT, status.INVALID_INPUT]
 
 
 def test_commands_import_own_classes(tmp_path, monkeypatch, capsys):

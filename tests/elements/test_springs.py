@@ -94,10 +94,9 @@ def test_a_beam_that_loses_its_ground_is_a_mechanism():
 
 
 @pytest.mark.filterwarnings("ignore:node .* has moved")  # far, as it is meant to
-@pytest.mark.parametrize("about", [(0.0, 0.0, 1.0), (1.0, 2.0, 2.0)])
-def test_large_rotations_of_a_spring(about):
+def test_large_rotations_of_a_spring():
     """A moment turns an end by 1.5 rad: the same stiffness about all axes gives ``k theta``."""
-    axis = np.array(about) / np.linalg.norm(about)
+    axis = np.array([1.0, 2.0, 2.0]) / 3
     elements = {
         "arm": jc.Beams([[0, 1]], section=jc.Section.disc(0.1, jc.Elastic(1e9), (2, 2))),
         "spring": jc.Springs([0], 0.0, rotational_stiffness=200.0),

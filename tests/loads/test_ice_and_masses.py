@@ -141,13 +141,12 @@ def test_files_hold_them_with_their_profiles(tmp_path, capsys):
         jc.PointMasses([4], [120.0]),
     ]
     path = tmp_path / "scene.json"
-    phases = [TAUT, jc.Phase(loads=loads)]
-    jc.save_scene(path, (hub(), phases))
-    scene = jc.load_scene(path)
-    one, other = jc.solve(hub(), phases), jc.solve(*scene)
-    assert int(one.status) == 0
-    np.testing.assert_array_equal(one.load, other.load)
-    assert scene.phases[1].loads[0].profile.terrain == "II"
+    jc.save_scene(path, (hub(), [TAUT, jc.Phase(loads=loads)]))
+    read = jc.load_scene(path).phases[1].loads
+    assert jax.tree.structure(read) == jax.tree.structure(loads)
+    for one, other in zip(jax.tree.leaves(read), jax.tree.leaves(loads), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert read[0].profile.terrain == "II"
     data = json.loads(path.read_text())
     jsonschema.validate(data, jc.files.scene_schema())
     parser.main(["info", str(path)])
