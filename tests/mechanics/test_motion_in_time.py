@@ -339,7 +339,7 @@ def test_the_first_period_of_a_cantilever():
     shape, slope = cosh - cos - ratio * (sinh - sin), k * (sinh + sin - ratio * (cosh - cos))
     speed = 1e-4 * jnp.zeros((n + 1, 6)).at[:, 2].set(shape).at[:, 4].set(-slope)
     frequency = k**2 * np.sqrt(modulus * inertia / (weight / GRAVITY))
-    half, count = np.pi / frequency, 40
+    half, count = np.pi / frequency, 20
     begun = let_go(system, system.space.at_rest(system.nodes), speed)
     found = gone(system, begun, half / count, count)
     tip = [m.motion[n, 2] * frequency / speed[n, 2] for m in found]
