@@ -22,12 +22,12 @@ WAYS = (
 OF = {"jacking": "pretension"}  # which part of what `statements` returns, if it has another name
 
 
-def crossed(stiffness=1e5, group=jc.Cables, nodes=None):
+def crossed(stiffness=1e5, nodes=None):
     """A node held by four cables of different lengths; three of them share a plane."""
     if nodes is None:
         nodes = [[0.0, 0, 0], [2.0, 0, 0.3], [-1.5, 0.4, 0], [0, 3.0, -0.2], [0.2, -1.0, -0.4]]
     links = [[0, 1], [0, 2], [0, 3], [0, 4]]
-    cables = group(links, axial_stiffness=stiffness, expansion=1.2e-5)
+    cables = jc.Cables(links, axial_stiffness=stiffness, expansion=1.2e-5)
     return jc.Structure(nodes, cables, jc.pinned([1, 2, 3, 4]))
 
 

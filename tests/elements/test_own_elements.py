@@ -32,11 +32,11 @@ PHASES = [
 ]
 
 
-def mixed(stiffness=K):
+def mixed():
     """Cables, a spring to the ground, hooks that are slack and a rod, which meet in node 1."""
     elements = {
         "net": jc.Cables(LINKS, axial_stiffness=1e5),
-        "ground": GroundSprings([[1]], stiffness),
+        "ground": GroundSprings([[1]], K),
         "hooks": Hooks([[0, 1], [2, 1]], 1e3, 0.5),
         "rods": Brittle([[3, 1]], 1e3, 5.0),
     }

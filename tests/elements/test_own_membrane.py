@@ -91,13 +91,13 @@ def test_stretched_square_is_its_closed_form():
     assert_allclose(reactions.sum(axis=0), 0.0, atol=1e-8 * np.abs(reactions).max())
 
 
-def stretched(*pretensions, method=None):
+def stretched(*pretensions):
     """Reactions on two edges of a square of cloth whose rim is held, [x, y], N; phase by phase."""
     nodes, triangles = sheet(3)
     half = len(triangles) // 2
     elements = {"one": Cloth(triangles[:half], ET, NU), "two": Cloth(triangles[half:], ET, NU)}
     structure = jc.Structure(nodes, elements, jc.pinned(rim(nodes)))
-    solution = jc.solve(structure, [jc.Phase(pretension=given) for given in pretensions], method)
+    solution = jc.solve(structure, [jc.Phase(pretension=given) for given in pretensions])
     sums = [
         jnp.stack([phase.reactions[nodes[:, k] == 1.0, k].sum() for k in (0, 1)])
         for phase in solution.phases

@@ -13,10 +13,9 @@ AREA = 1e-4
 PEAK = AREA * STRESS.max()  # 1 500 N
 
 
-def hanger(force, law=None):
+def hanger(force):
     """A plumb cable of 2 m with a weight."""
-    law = jc.Polygonal(STRAIN, STRESS) if law is None else law
-    cable = jc.Cables([[0, 1]], area=AREA, law=law)
+    cable = jc.Cables([[0, 1]], area=AREA, law=jc.Polygonal(STRAIN, STRESS))
     structure = jc.Structure([[0.0, 0, 0], [0.0, 0, -2.0]], cable, jc.pinned([0]))
     return structure, jc.Phase(loads=jc.NodalLoads([1], jnp.array([0.0, 0.0, -1.0]) * force))
 

@@ -2,7 +2,6 @@
 
 import json
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import shapes
@@ -37,21 +36,12 @@ def rounding_by_hand(sink):
     return 8 * EPS * sink * EA / L0 * 2 * np.maximum(4.0, RISE + sink) / length_and_load(sink)[0]
 
 
-def solve_load_steps(steps, method=None, kind=jc.Cables):
-    """Solve a prestress that a load balances from the start, then three loads more, N."""
-    begin = jc.Phase(
-        pretension=FORCE, loads=jc.NodalLoads([1], (0.0, 0.0, -length_and_load(0.0)[1]))
-    )
-    down = jnp.array([0.0, 0.0, -1.0])
-    loads = [jc.Phase(loads=jc.NodalLoads([1], steps[k] * down)) for k in range(3)]
-    return jc.solve(two_links(kind), [begin, *loads], method)
-
-
-def solve_to_sinks(sink, method=None, kind=jc.Cables):
-    """Solve the same for loads under which the node sinks by `sink`, m."""
-    solution = solve_load_steps(np.diff(length_and_load(np.append(0.0, sink))[1]), method, kind)
-    assert int(solution.status) == 0
-    return solution
+def solve_to_sinks(sink, kind=jc.Cables):
+    """Solve a prestress that a load balances, and three loads by which the node sinks, m."""
+    whole = length_and_load(np.append(0.0, sink))[1]
+    first, *more = (jc.NodalLoads([1], (0.0, 0.0, -f)) for f in np.diff(whole, prepend=0.0))
+    phases = [jc.Phase(pretension=FORCE, loads=first), *(jc.Phase(loads=load) for load in more)]
+    return converged(jc.solve(two_links(kind), phases))
 
 
 def residuals_of(path):

@@ -18,8 +18,8 @@ NODES = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 
 CRITICAL = 10.0  # N: a rigid strut of 1 m between springs of 50 N / 5 m
 
 
-def propped_strut(stiffness=1e6):
-    strut = jc.Bars([[0, 1]], axial_stiffness=stiffness)
+def propped_strut():
+    strut = jc.Bars([[0, 1]], axial_stiffness=1e6)
     springs = jc.Bars([[1, 2], [1, 3]], axial_stiffness=[50.0, 60.0])
     return jc.Structure(NODES, [strut, springs], jc.pinned([0, 2, 3]))
 

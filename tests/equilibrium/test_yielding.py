@@ -16,11 +16,10 @@ STEEL = jc.materials.steel(FY, E, HARD)
 AREA = 1e-4
 
 
-def one_bar(group=jc.Bars, law=STEEL, length=2.0, **options):
-    """One element along x whose far end slides along x."""
+def one_bar(group=jc.Bars, law=STEEL):
+    """One element of 2 m along x whose far end slides along x."""
     held = jc.pinned([0]) + jc.restrained([1], "yz")
-    nodes = [[0.0, 0, 0], [length, 0, 0]]
-    return jc.Structure(nodes, group([[0, 1]], area=AREA, law=law, **options), held)
+    return jc.Structure([[0.0, 0, 0], [2.0, 0, 0]], group([[0, 1]], area=AREA, law=law), held)
 
 
 def phases_to_forces(*forces, increments=4):

@@ -32,18 +32,16 @@ def across(wind, chord):
     return np.linalg.norm(np.cross(wind, along)) * normal
 
 
-def resultant(nodes, links, wind, pressure, amounts, moved=None):
+def resultant(nodes, links, wind, pressure, amounts):
     """Force and moment about the origin of wind on straight members, by SciPy.
 
-    `pressure` is a function of the height z, `amounts` are drag times width, m, of each member. The
-    load is that in the places `nodes`, and acts at the nodes that have `moved` since.
+    `pressure` is a function of the height z, `amounts` are drag times width, m, of each member.
     """
-    moved = nodes if moved is None else moved
     wind = np.asarray(wind) / np.linalg.norm(wind)
     force, moment = np.zeros(3), np.zeros(3)
     for (a, b), amount in zip(links, amounts, strict=True):
         chord = nodes[b] - nodes[a]
-        length, vector = np.linalg.norm(chord), amount * across(wind, nodes[b] - nodes[a])
+        length, vector = np.linalg.norm(chord), amount * across(wind, chord)
 
         def q(s, a=a, chord=chord):
             return pressure(nodes[a][2] + s * chord[2])
@@ -51,7 +49,7 @@ def resultant(nodes, links, wind, pressure, amounts, moved=None):
         whole = quad(q, 0, 1, epsabs=1e-10, limit=200)[0] * length
         lever = quad(lambda s, q=q: s * q(s), 0, 1, epsabs=1e-10, limit=200)[0] * length
         force += whole * vector
-        moment += np.cross(whole * moved[a] + lever * (moved[b] - moved[a]), vector)
+        moment += np.cross(whole * nodes[a] + lever * chord, vector)
     return force, moment
 
 

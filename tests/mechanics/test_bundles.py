@@ -40,13 +40,13 @@ def results(solution):
     return copy_with(solution, last=copy_with(solution.last, restart=None))
 
 
-def assert_same(found, expected, near=NEAR):
+def assert_same(found, expected):
     """Equal trees to the rounding of two iterations, and not trivially."""
     if isinstance(found, jc.Solution):
         states = [own.last.restart.states for own in (found, expected)]
         for a, b in zip(*states, strict=True):
-            assert_allclose(a.rest_length, b.rest_length, rtol=near)
-            assert_allclose(a.load_bearing_length, b.load_bearing_length, rtol=near)
+            assert_allclose(a.rest_length, b.rest_length, rtol=NEAR)
+            assert_allclose(a.load_bearing_length, b.load_bearing_length, rtol=NEAR)
         found, expected = results(found), results(expected)
     found, expected = jax.tree.flatten(found), jax.tree.flatten(expected)
     assert found[1] == expected[1]
@@ -57,7 +57,7 @@ def assert_same(found, expected, near=NEAR):
         if a.dtype.kind == "f":
             there = np.isfinite(b)
             scale = np.abs(b[there]).max(initial=0.0)
-            assert_allclose(a, b, rtol=0, atol=near * max(scale, 1e-12))
+            assert_allclose(a, b, rtol=0, atol=NEAR * max(scale, 1e-12))
             count += there.sum()
         else:
             assert (a == b).all()
@@ -169,14 +169,14 @@ def test_goes_on(alone):
         assert_same(found, expected)
 
 
-def mast(sections, **more):
+def mast(sections):
     """A mast of two kinds of beam, one end of which turns, and its guys."""
     nodes = np.array([[0, 0, z] for z in range(5)] + [[3, 0, 0], [-2, 2, 0], [-2, -2, 0]], float)
     hinges = np.zeros((2, 2), bool)
     hinges[0, 0] = True
     elements = [
-        jc.Beams([[0, 1], [1, 2]], section=sections[0], up=(1.0, 0, 0), hinges=hinges, **more),
-        jc.Beams([[2, 3], [3, 4]], section=sections[1], up=(1.0, 0, 0), weight=50.0, **more),
+        jc.Beams([[0, 1], [1, 2]], section=sections[0], up=(1.0, 0, 0), hinges=hinges),
+        jc.Beams([[2, 3], [3, 4]], section=sections[1], up=(1.0, 0, 0), weight=50.0),
         jc.Cables([[j, k] for j in (4, 2) for k in (5, 6, 7)], np.repeat([2e6, 1e6], 3)),
     ]
     held = np.zeros((8, 6), bool)

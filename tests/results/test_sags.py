@@ -35,8 +35,8 @@ PHASES = [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=jc.LineLoads(tuple(WIN
 NEAR = 1e-9  # m, of lengths up to 1300 m; 3e-13 is measured
 
 
-def spans(weight=WEIGHT):
-    cables = jc.Catenaries(LINKS, axial_stiffness=EA, weight=weight, rest_length=LENGTH)
+def spans():
+    cables = jc.Catenaries(LINKS, axial_stiffness=EA, weight=WEIGHT, rest_length=LENGTH)
     return jc.Structure(ENDS.reshape(-1, 3), cables, supports=jc.pinned(range(2 * COUNT)))
 
 
@@ -126,8 +126,8 @@ def hung_chain(force):
     return structure, solution
 
 
-def chain_points(structure, solution, n=20_001):
-    curves = np.asarray(jc.forms.catenary_curves(structure, solution, n)["cables"])
+def chain_points(structure, solution):
+    curves = np.asarray(jc.forms.catenary_curves(structure, solution, 20_001)["cables"])
     bar = np.asarray(solution.positions)[[2, 3]]
     return np.concatenate([curves[0], curves[1][::-1], np.linspace(*bar, 11)])
 

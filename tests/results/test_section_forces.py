@@ -6,7 +6,6 @@ import operator
 import numpy as np
 import pytest
 from banks import shapes
-from banks.shapes import pieces
 from oracles import stiffness_method as oracle
 from oracles.convergence import converged
 
@@ -17,13 +16,6 @@ BOX = jc.Section.rectangle(0.05, 0.1, LAW)
 GJ = float(BOX.torsional_stiffness())
 STIFFNESS = np.asarray(BOX.stiffness())
 PLACES = np.linspace(0.0, 1.0, 9)
-
-
-def beam(n, end, supports, section=BOX, **options):
-    """A straight beam from the origin to `end` in n elements."""
-    nodes, links = pieces(n, 1.0, end)
-    options = {"torsional_stiffness": GJ, "up": (0.0, 0.3, 1.0), **options}
-    return jc.Structure(nodes, jc.Beams(links, section=section, **options), supports)
 
 
 def hold(node, along="", about=""):
@@ -160,7 +152,7 @@ def test_forces_along_converge_at_second_order_or_better_for_large_displacements
     assert rod.success
     errors = []
     for n in (2, 4):
-        structure = beam(n, (length, 0, 0), jc.clamped([0]), up=(0.0, 0.0, 1.0))
+        structure = shapes.beam(n, BOX, length, torsional_stiffness=GJ)
         load = jc.LineLoads((0.0, 0.0, -q))
         solution = converged(jc.solve(structure, jc.Phase(loads=load, increments=4)))
         forces = np.asarray(jc.section_forces(structure, solution, PLACES))
