@@ -15,7 +15,6 @@ from oracles.traced import traced
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.common import status
-from jaxcable.elements import check
 from jaxcable.files.codec import TYPES
 
 EA, MU, PULL = 1e6, 0.2, 1000.0
@@ -114,18 +113,6 @@ def test_gradient_by_a_statement():
     many, codes = jax.vmap(end)(jnp.array([0.5, 1.0]))
     assert not codes.any()
     assert_allclose(many[1], end(1.0)[0], rtol=1e-10)
-
-
-@pytest.mark.slow
-def test_it_keeps_its_contract():
-    ropes = Saddles([[0, 1, 2]], EA)
-    check(ropes, NODES)
-    check(ropes, NODES, conservative=True)  # without friction
-    ends = jnp.asarray(NODES)[None]
-    rough = jc.replace(ropes.start(ends), friction=jnp.array([MU]))
-    check(ropes, NODES, rough)
-    with pytest.raises(ValueError, match="the end forces are not its gradient"):
-        check(ropes, NODES, rough, conservative=True)
 
 
 WIRE = jc.Cables([[1, 2]], axial_stiffness=EA)
