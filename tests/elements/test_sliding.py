@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT, assert_gradient, joined
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -160,7 +160,7 @@ def test_gradients():
         "nodes": pulley()[0].nodes,
         "weight": [60.0],
     }
-    assert_gradient(weighed, {k: jnp.asarray(v) for k, v in p.items()}, corrupted=1.02)
+    assert_gradient(*joined(weighed, p), corrupted=1.02)
 
 
 def rope(links):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from banks.shapes import pieces
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT, assert_gradient, joined
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
@@ -161,7 +161,7 @@ def test_gradients_by_numbers_of_springs():
         return solution.displacement[1] @ jnp.array([1.0, 0.3, -2.0]), code
 
     sizes = {"stiffness": 40.0, "normal": 100.0, "gap": 200.0}
-    assert_gradient(moved, {"stiffness": 2e3, "normal": 0.3, "gap": 0.02}, sizes)
+    assert_gradient(*joined(moved, {"stiffness": 2e3, "normal": 0.3, "gap": 0.02}, sizes))
 
 
 def test_springs_that_a_phase_adds_are_unstressed():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from banks.shapes import SPOKES, SQUARE, hub
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT, assert_gradient, joined
 
 import jaxcable as jc
 from jaxcable.cli import parser
@@ -123,7 +123,7 @@ def sunk(p):
 
 def test_gradients():
     p = {"thickness": 0.02, "diameter": 0.03, "density": 700.0, "masses": 80.0, "gravity": 9.8}
-    assert_gradient(sunk, p, 100.0, corrupted=1.02)
+    assert_gradient(*joined(sunk, p, 100.0), corrupted=1.02)
 
 
 # --- files

@@ -10,7 +10,7 @@ import pytest
 from banks.shapes import pieces
 from extensions.own_loads import PowerLawWind
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT, assert_gradient, joined
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
@@ -68,7 +68,8 @@ def test_gradients():
         return 1e3 * jnp.sum(solution.displacement[2]), solution.status
 
     p = {"reference": REFERENCE, "exponent": EXPONENT, "nodes": mast_with_guys().nodes}
-    assert_gradient(sway, p, {"nodes": 0.05, "reference": 5.0, "exponent": 5.0})
+    sizes = {"nodes": 0.05, "reference": 5.0, "exponent": 5.0}
+    assert_gradient(*joined(sway, p, sizes))
 
 
 def test_it_is_scaled_combined_and_mapped_over():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from banks.shapes import load_at_rest, pieces
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT, assert_gradient, joined
 from oracles.traced import traced
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import root
@@ -284,6 +284,5 @@ def sway(p):
 SIZES = dict.fromkeys(AT, 10.0) | {"nodes": 0.1, "roughness": 20.0, "ground": 50.0}
 
 
-@pytest.mark.parametrize("by", [["drag"], pytest.param([*AT], marks=pytest.mark.slow)])
-def test_gradients(by):
-    assert_gradient(sway, AT, SIZES, by, corrupted=1.02)
+def test_gradients():
+    assert_gradient(*joined(sway, AT, SIZES), corrupted=1.02)
