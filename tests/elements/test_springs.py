@@ -160,7 +160,7 @@ def test_gradients_by_numbers_of_springs():
         code = jnp.where(pressed, solution.status, status.MECHANISM)
         return solution.displacement[1] @ jnp.array([1.0, 0.3, -2.0]), code
 
-    sizes = {"stiffness": 40.0, "normal": 100.0, "gap": 200.0}
+    sizes = {"stiffness": 100.0, "normal": 20.0, "gap": 100.0}
     assert_gradient(*joined(moved, {"stiffness": 2e3, "normal": 0.3, "gap": 0.02}, sizes))
 
 
