@@ -161,24 +161,6 @@ def test_loads_act_whenever_their_element_is_there():
         np.testing.assert_allclose(load, [-P, -Q] if away else there, rtol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:phases.*supports")  # meanwhile there is nothing to move
-def test_a_support_still_ends_a_load():
-    """On a node whose element has gone and that a support holds then: nothing is left to act."""
-    held = jc.pinned([0, 1])
-    phases = [
-        jc.Phase(loads=PULL),
-        jc.Phase(removes=["a", "b"], supports=held),
-        jc.Phase(adds=["a", "b"], supports=GUIDE),
-    ]
-    solution = converged(jc.solve(hangers(), phases))
-    before, away, after = solution.phases
-    assert float(before.load[1, 2]) == -1e3 and float(before.tension["a"][0]) > 499
-    assert float(away.load[1, 2]) == 0.0 and float(away.reactions[1, 2]) == 0.0
-    assert float(after.load[1, 2]) == 0.0
-    np.testing.assert_allclose(after.tension["a"], 0.0, atol=1e-9)
-
-
 def test_loads_and_weights_that_never_act():
     away = jc.Phase(loads=PULL, removes="b")
     line = jc.Phase(loads=jc.LineLoads((0, 0, -1.0), on="b"))

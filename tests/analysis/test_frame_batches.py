@@ -68,28 +68,6 @@ def test_a_frame_ends_in_a_batch_as_alone(nested):
     assert found[3].tolist()[:5] == [True, True, True, False, True]
 
 
-@pytest.mark.slow
-def test_gradients_of_a_batch_are_those_of_its_cases():
-    force, moment = (a[:5] for a in mixed_cases())
-
-    def sway(force, moment):
-        return jnp.sum(analyse(force, moment)[0][3])
-
-    slope = traced(jax.grad(sway, argnums=(0, 1)))
-    found = jc.batched(slope, 3)(force, moment)
-    for k in range(5):
-        for own, single in zip(found, slope(force[k], moment[k]), strict=True):
-            atol = 1e-10 * float(jnp.abs(single).max())
-            np.testing.assert_allclose(own[k], single, rtol=0, atol=atol)
-    for k in (0, 4):  # without and with moments; steps of 0.1 N: truncation and rounding near 1e-8
-        way = [jnp.asarray(np.random.default_rng(k).normal(size=(3, 3))) for _ in range(2)]
-        ends = [
-            float(sway(force[k] + step * way[0], moment[k] + step * way[1])) for step in (0.1, -0.1)
-        ]
-        exact = float(sum(jnp.sum(g[k] * w) for g, w in zip(found, way, strict=True)))
-        assert exact == pytest.approx((ends[0] - ends[1]) / 0.2, rel=1e-6)
-
-
 def factors_outside_of_conditions(jaxpr):
     """Numbers of LU factors in a jaxpr: outside of conditions, and in all."""
     outside = total = 0

@@ -1,7 +1,5 @@
 """Phases are data: as many as there are, one program; and each as if it were analysed by itself."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,30 +88,6 @@ def test_all_at_once_is_one_after_the_other(method):
 
 
 @pytest.mark.slow
-def test_loads_of_later_phases_are_not_known_before():
-    """A NaN in the third phase: the second stands, and so do its derivatives."""
-    line = jc.LineLoads((0.0, 0.0, -3.0))
-
-    @traced
-    @functools.partial(jax.value_and_grad, has_aux=True)
-    def analyse(factor, forces):
-        bad = jc.LineLoads(forces)
-        phases = [PRESTRESS, jc.Phase(loads=line), jc.Phase(loads=bad)]
-        lighter = jc.Phase(loads=[jc.LineLoads(jnp.stack([0.0, 0.0, -factor]))])
-        solution = jc.solve(STRUCTURE, [*phases[:1], lighter, *phases[1:]])
-        return solution.last.displacement[3, 2], solution
-
-    (_, solution), rate = analyse(2.0, jnp.array([jnp.nan, 0.0, 0.0]))
-    assert int(solution.status) == jc.status.NONFINITE
-    assert [int(phase.status) for phase in solution.phases][:3] == [0, 0, 0]
-    assert int(solution.last.phase) == 2 and np.isfinite(solution.last.displacement).all()
-    (_, good), expected = analyse(2.0, jnp.zeros(3))
-    assert int(good.status) == 0
-    np.testing.assert_allclose(solution.last.displacement, good.displacement, atol=1e-12)
-    assert float(rate) == pytest.approx(float(expected), rel=1e-9)
-
-
-@pytest.mark.slow
 def test_results_of_phases_are_a_sequence():
     solution = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
     _, last = solution.phases
@@ -143,39 +117,3 @@ def test_results_of_phases_are_a_sequence():
     picked = jax.tree.map(lambda x: x[1], batch)
     np.testing.assert_array_equal(picked.phases[1].path.residual, own.path.residual[1])
     assert float(inside) == pytest.approx(float(alone.displacement[3, 2]), rel=1e-9)
-
-
-def wedge(**law):
-    """Two cables that hold a node, each to its support."""
-    nodes = np.array([[-4.0, 0.0, 3.0], [0.2, 0.0, 0.0], [4.0, 0.0, 3.0]])
-    return jc.Structure(nodes, jc.Cables([[0, 1], [1, 2]], **law), supports=jc.pinned([0, 2]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "method", [TIGHT, pytest.param(jc.Incremental(corrections=2), marks=pytest.mark.slow)]
-)
-def test_paths_of_phases_of_unlike_length_have_derivatives(method):
-    """Of a phase of 2 increments beside one of 5: what fills it up is not in them."""
-    structure = wedge(axial_stiffness=1e7)
-
-    def half_way(force, differentiate=True):
-        phases = [
-            jc.Phase(pretension=1e4, loads=push(4e4 * force, [1]), increments=2),
-            jc.Phase(loads=push(2e4, [1]), increments=5),
-        ]
-        solution = jc.solve(structure, phases, method, differentiate_path=differentiate)
-        first, second = solution.phases
-        measure = first.path.displacement[0, 1, 2] + second.path.tension[2, 0] / 1e6
-        return measure, solution.status
-
-    at, h = 1.5, 1e-4
-    there = traced(jax.value_and_grad(half_way, has_aux=True))
-    ((above, code), _), ((below, _), _), (_, rate) = (there(at + k * h) for k in (1, -1, 0))
-    assert int(code) == 0
-    difference = float(above - below) / (2 * h)
-    assert abs(difference) > 1e-3
-    for found in (rate, traced(jax.jacfwd(lambda p: half_way(p)[0]))(at)):
-        assert float(found) == pytest.approx(difference, rel=1e-6)
-    if isinstance(method, jc.Newton):  # not without being asked for; of the scheme they always are
-        assert np.isnan(jax.grad(lambda p: half_way(p, False)[0])(at))

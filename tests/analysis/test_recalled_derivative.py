@@ -179,40 +179,6 @@ def test_derivatives_of_the_path_are_nan_or_given():
     np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("inside", [False, True])
-@pytest.mark.parametrize("unloading", [None, "elastic"])
-def test_the_last_state_has_derivatives_where_a_later_phase_fails_at_once(inside, unloading):
-    """They are those of the analysis without the phase that fails, whose own results have none."""
-    curve = [0.0, 0.01, 0.02], [0.0, 200e6, 300e6]
-    kind = jc.Cables if unloading is None else jc.Bars
-    points = curve if unloading is None else [[-x for x in c[:0:-1]] + list(c) for c in curve]
-    law = jc.Polygonal(*points, **({} if unloading is None else {"unloading": unloading}))
-    elements = kind([[0, 1], [1, 2], [1, 3]], area=1e-5, law=law)
-
-    def measured(load, phases, part):
-        structure = jc.Structure(POINTS, elements, supports=jc.pinned([0, 2, 3]))
-        loads = [jc.NodalLoads([1], k * load * DOWN) for k in (1.0, 1e4)]
-        solution = jc.solve(structure, [jc.Phase(loads=own) for own in loads[:phases]])
-        found = part(solution)
-        return jnp.sum(found.tension) + jnp.sum(found.reactions[:, 2] ** 2) / 1e3, solution.status
-
-    def slope(*at):
-        run = jax.value_and_grad(lambda load: measured(load, *at), has_aux=True)
-        (_, code), found = (jax.jit(run) if inside else run)(300.0)
-        return int(code), found
-
-    code, expected = slope(1, lambda solution: solution.last)
-    assert code == 0
-    assert abs(expected) > 0.1
-    code, found = slope(2, lambda solution: solution.last)
-    assert code == jc.status.MATERIAL_FAILURE
-    np.testing.assert_allclose(found, expected, rtol=1e-10)  # an adjoint solve
-    for part in (lambda solution: solution, lambda solution: solution.phases[1]):
-        assert np.isnan(slope(2, part)[1])
-    np.testing.assert_allclose(slope(2, lambda s: s.phases[0])[1], expected, rtol=1e-10)
-
-
 @pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("inside", [False, True])
 def test_the_last_state_has_no_derivative_where_nothing_has_converged(inside):

@@ -37,27 +37,6 @@ def solved(*arguments, **options):
 # --- closed forms
 
 
-@pytest.mark.slow
-def test_bars_that_come_share_what_is_loaded_from_then_on():
-    """``EA (x / L_k - 1)`` of every bar, unstressed at the length L_k that it has found."""
-    n, push, stiffness = 5, 1e4, 1e6
-    bars = [jc.Bars([[0, 1]], axial_stiffness=stiffness) for _ in range(n)]
-    structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], bars, GUIDED)
-    load = jc.NodalLoads([1], (0.0, 0.0, -push))
-    stages = [
-        jc.Phase(adds=[False] * k + [True] + [False] * (n - 1 - k), loads=load) for k in range(n)
-    ]
-    solution = solved(structure, stages, TIGHT)
-    x, lengths = 2.0, []
-    for k in range(n):
-        lengths.append(x)
-        x = ((k + 1) * push / stiffness + (k + 1)) / np.sum(1 / np.array(lengths))
-        expected = [stiffness * (x / length - 1) for length in lengths] + [0.0] * (n - 1 - k)
-        found = [float(force[0]) for force in solution.phases[k].tension]
-        np.testing.assert_allclose(found, expected, atol=1e-11 * n * push)
-    assert 2 - float(solution.positions[1, 2]) - 2 == pytest.approx(x, abs=1e-13)
-
-
 @pytest.mark.slow_cases("drawn")
 @pytest.mark.parametrize("placed", ["attached", "drawn"])
 def test_a_chain_grows_downwards(placed):
@@ -236,33 +215,6 @@ def test_what_has_yielded_comes_back_as_new():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:phases.*no element touches")  # the load comes first
-def test_a_node_that_waits_neither_moves_nor_counts():
-    structure = cross()
-    nodes = np.vstack([NODES, [[0.0, 0.0, -1.0]]])
-    cables = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4], [4, 5]], axial_stiffness=100e3)
-    more = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
-    hung = jc.NodalLoads([5], (0.0, 0.0, -100.0))
-    stages = [*BASE, jc.Phase(loads=hung), jc.Phase(adds=jc.only([4]), placed="attached")]
-    stages[0] = jc.Phase(pretension=jc.only([0, 1, 2, 3], 1000.0))
-    solution = solved(more, stages, TIGHT)
-    alone = solved(structure, BASE, TIGHT)
-    waits = solution.phases[2]
-    np.testing.assert_allclose(waits.tension[:4], alone.tension, rtol=1e-12)
-    assert float(waits.tension[4]) == 0 and not waits.displacement[5].any()
-    assert int(waits.path.n_loose[-1]) == 0 and int(waits.path.n_slack[-1]) == 0
-    np.testing.assert_allclose(waits.reactions[5], [0, 0, 100.0])  # the load is held there
-    assert float(solution.tension[4]) == pytest.approx(100.0, rel=1e-11)
-    np.testing.assert_allclose(solution.reactions[5], 0.0, atol=1e-9)
-    total = solution.reactions.sum(axis=0) + solution.load.sum(axis=0)
-    np.testing.assert_allclose(total, 0.0, atol=1e-8)
-    # the tangent of a state in which it waits has no freedom of it
-    before = solved(more, [*stages[:2], jc.Phase(removes=jc.only([4]))], TIGHT)
-    assert jc.stiffness.tangent_of(more, before).shape == (3, 3)
-    assert jc.stiffness.tangent_of(more, solution).shape == (6, 6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hinged", "sprung", "rigid"])
 def test_ends_of_all_kinds_come_and_go(kind):
     """A portal whose beam comes after the columns have bent: as if it had never been there."""
@@ -334,29 +286,6 @@ def test_hanging_and_sliding_cables_come():
     np.testing.assert_allclose(moments.sum(axis=0), 0.0, atol=1e-8)
 
 
-@pytest.mark.slow
-def test_stages_go_on_from_a_solution():
-    structure = cross()
-    stages = [
-        jc.Phase(pretension=1000.0, removes=jc.only([3])),
-        jc.Phase(loads=PUSH),
-        jc.Phase(adds=jc.only([3]), pretension=jc.only([3], 400.0)),
-        jc.Phase(removes=jc.only([0])),
-    ]
-    whole = solved(structure, stages)
-    begun = solved(structure, stages[:2])
-    parts = solved(structure, stages[2:], start=begun)
-    np.testing.assert_allclose(parts.tension, whole.tension, atol=1e-7)
-    np.testing.assert_allclose(parts.displacement, whole.displacement, atol=1e-10)
-    with pytest.raises(
-        ValueError, match=r"phases\[0\]\.removes: element 3 of elements is not there"
-    ):
-        jc.solve(structure, jc.Phase(removes=jc.only([3])), start=begun)
-    # without any change, what is absent stays so
-    still = solved(structure, jc.Phase(loads=PUSH), start=begun)
-    assert float(still.tension[3]) == 0
-
-
 # --- transformations and programs
 
 
@@ -377,21 +306,6 @@ def test_derivatives_go_through_all_stages():
 
     gradient = assert_gradient(measure, [1000.0, 1100.0, 900.0, 800.0], 10.0)
     assert abs(float(gradient[1])) < 1e-10 * np.abs(gradient).max()
-
-
-def test_many_stages_are_one_program():
-    def lines(n):
-        structure = beam(n, SECTION, n, weight=10.0)
-        stages = [
-            jc.Phase(adds=jc.only([k % n]), removes=None, placed="attached") for k in range(n)
-        ]
-
-        def tip(nodes):
-            return jc.solve(jc.replace(structure, nodes=nodes), stages).displacement[-1, 2]
-
-        return jax.jit(tip).lower(jnp.asarray(structure.nodes)).as_text().count("\n")
-
-    assert abs(lines(40) / lines(2) - 1) < 0.1
 
 
 # --- input
@@ -440,22 +354,6 @@ def test_what_is_refused_elsewhere(tmp_path):
         jc.energy_balance(cross(), stages, solution)
     with pytest.raises(ValueError, match="path is followed, must not add or remove elements"):
         jc.trace_path(cross(), stages)
-
-
-@pytest.mark.slow
-def test_a_path_and_the_incremental_scheme_know_what_is_absent():
-    structure = cross()
-    stages = [jc.Phase(pretension=1000.0, removes=jc.only([3])), jc.Phase(loads=PUSH, increments=9)]
-    without = cross(links=[(0, 4), (1, 4), (2, 4)])
-    alone = [jc.Phase(pretension=1000.0), stages[1]]
-    path, expected = jc.trace_path(structure, stages), jc.trace_path(without, alone)
-    assert int(path.status) == int(expected.status) == 0
-    found, other = (own.tension[-1] for own in (path, expected))
-    np.testing.assert_allclose(found[:3], other, rtol=1e-8)
-    scheme = jc.Incremental(corrections=1)
-    stepped, own = solved(structure, stages, scheme), solved(without, alone, scheme)
-    np.testing.assert_allclose(stepped.tension[:3], own.tension, rtol=1e-10)
-    assert float(stepped.tension[3]) == 0
 
 
 def test_scenes_with_stages_are_files(tmp_path):

@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from banks import problems
 from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
+from scenes.frames import in_plane
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
@@ -19,15 +19,6 @@ STEEL = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.05, STEEL, (10, 10))
 EA, EI = float(BOX.stiffness()[0, 0]), float(BOX.stiffness()[1, 1])
 RNG = np.random.default_rng(5)
-
-
-def in_plane(n_node, clamped=(), pinned=()):
-    """Supports of a structure in the x-z plane: no displacement along y, rotation about y only."""
-    mask = np.zeros((n_node, 6), bool)
-    mask[:, [1, 3, 5]] = True
-    mask[list(clamped)] = True
-    mask[list(pinned), :3] = True
-    return jc.Supports(mask)
 
 
 # --- one element
@@ -237,30 +228,6 @@ MIXED = jc.Structure(
     },
     jc.clamped([0]) + jc.pinned([3, 4, 5]),
 )
-
-
-@pytest.mark.slow
-def test_cables_and_beams_share_nodes():
-    """Prestressed, and loaded with forces and moments at once.
-
-    A moment that keeps its direction has no potential, and the tangent shows it.
-    """
-    given = np.array([100.0, 200.0, 300.0])
-    loads = jc.NodalLoads([1, 2], (1e3, 0, 0), moments=given)
-    solution = converged(jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)]))
-    problems.assert_balanced(solution)
-    p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
-    moment = np.cross(p, reaction + np.asarray(solution.load)).sum(0)
-    moment += np.asarray(solution.reaction_moments).sum(0) + 2 * given
-    assert np.abs(moment).max() < 1e-8 * 1e4  # the residual, 1e-10 of forces of 1e4 N, over 2 m
-    assert solution.tension["guys"].shape == (3,)
-    assert solution.section_forces["mast"].shape == (2, 3, 6)
-    assert solution.section_forces["guys"] is None
-    turn = np.asarray(solution.rotation)
-    assert (turn[3:] == [1.0, 0, 0, 0]).all()  # cables turn nothing
-    assert np.abs(np.linalg.norm(turn, axis=1) - 1).max() < 1e-15
-    tangent = np.asarray(jc.stiffness.tangent_of(MIXED, solution))
-    assert 0 < np.abs(tangent - tangent.T).max() < 1e-2 * np.abs(tangent).max()
 
 
 def test_a_scalar_prestress_is_for_cables_and_bars():

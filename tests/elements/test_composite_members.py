@@ -234,34 +234,6 @@ def test_compliance_is_one_spring_beside_two_linear_laws():
     assert np.allclose(stress[:, 4:], (70e9 * forces / ea)[:, None], rtol=1e-9)
 
 
-@pytest.mark.slow
-def test_compliance_is_one_spring_beside_a_law_of_points():
-    """Past its corners, in both directions, several bars in one group; the sum by interpolation."""
-    strain, stress = np.array(CURVES["symmetric"][0]), np.array(CURVES["symmetric"][1])
-    section = jc.Section.composite(
-        [
-            jc.Section.disc(0.01, jc.Polygonal(strain, stress), (2, 2)),
-            jc.Section.ring(0.012, 0.001, SOFT, (1, 6)),
-        ]
-    )
-
-    def force(e):
-        return CORE * np.interp(e, strain, stress) + WALL * 50e9 * e
-
-    own = np.array([5e-4, 2e-3, 8e-3, -3e-3])  # strains of the laws
-    forces, springs = force(own), np.array([1e-7, 2e-8, 0.0, 3e-8])
-    structure, solution = pulled(section, springs, forces)
-    assert int(solution.status) == 0
-    got = np.asarray(solution.displacement)[1::2, 0] / 2
-    assert np.allclose(got, own + springs * forces, rtol=1e-8)  # 1e-10 over the smallest slope
-    fibres = np.asarray(jc.fibre_stress(structure, solution.phases[0]))[-1]
-    assert np.allclose(fibres[:, 0], np.interp(own, strain, stress), rtol=1e-8)
-    assert np.allclose(fibres[:, -1], 50e9 * own, rtol=1e-8)
-    # prestress is stated through the same spring
-    stated = traced(structure.elements.strain_at)(forces)
-    assert np.allclose(stated, own + springs * forces, rtol=1e-12)  # rounding over the last slope
-
-
 def test_a_law_that_yields_in_series_with_a_spring():
     """Law level: past yield and back, virgin and yielded; the end of the curve moves with it."""
     spring, law = 2e-12, materials.Parallel((STEEL, SOFT), SHARES)

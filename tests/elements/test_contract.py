@@ -1,7 +1,4 @@
-"""The contract of elements: what is asked of a group, and the sentences of `jc.elements.check`."""
-
-import ast
-from pathlib import Path
+"""The contract of elements: what keeps it, and what `jc.elements.check` says of what does not."""
 
 import jax
 import jax.numpy as jnp
@@ -16,90 +13,7 @@ import jaxcable as jc
 from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
-from jaxcable.elements.element_state import ElementState
 from jaxcable.elements.statement import Statement
-from jaxcable.elements.straight import Straight
-from jaxcable.loads.load import Dead, Following, Load, Measured, Moving, OnNodes
-from jaxcable.materials.law import Law
-
-# --- every name that is asked of a group is in the contract
-
-PACKAGE = Path(jc.__file__).parent
-ABILITIES = [x for x in vars(abilities).values() if isinstance(x, type) and issubclass(x, Element)]
-ROOMS = {  # rooms in which a variable of this name is always of this kind
-    "group": [p.name for p in PACKAGE.iterdir() if p.is_dir() and p.name != "elements"],
-    "any_group": ["analysis"],
-    "stateable": ["mechanics"],
-    "state": ["mechanics", "loads"],
-    "load": ["mechanics", "analysis", "equilibrium", "paths", "results"],
-    "law": ["design", "reporting", "plots", "model"],
-}
-
-
-def names_of(*classes):
-    """Attributes and annotations of classes."""
-    bases = {base for one in classes for base in one.__mro__}
-    notes = (vars(base).get("__annotations__", {}) for base in bases)
-    return set().union(*map(dir, classes), *notes)
-
-
-KNOWN = {
-    **dict.fromkeys(("group", "any_group", "stateable"), names_of(*ABILITIES)),
-    "state": names_of(ElementState),
-    "load": names_of(Load, OnNodes, Moving, Dead, Measured, Following),
-    "law": names_of(Law),
-}
-OTHERS = {  # what a variable of this name is besides, here
-    "load": {"ndim", "shape", "at"},
-    "group": {"_index_fields", "_static_fields"},  # of every `pytree`
-}
-STRAIGHT = ("forms/prescribed_values.py", "files/opensees.py")
-"""Modules that refuse all groups but those that derive from `Straight` first."""
-
-
-def asked(source):
-    """Pairs (variable, name) of attributes, and ("group", text) of methods called by their name."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            yield node.value.id, node.attr
-        if isinstance(node, ast.Call) and node.args:
-            called = node.func.id if isinstance(node.func, ast.Name) else ""
-            first = node.args[0]
-            if called in ("evaluate_elements", "call_each_element", "of_all") and isinstance(
-                first, ast.Constant
-            ):
-                yield "group", first.value
-
-
-def holes(pairs, room, extra=()):
-    """Names that are asked of groups, states, loads or laws, and are not in their contract."""
-    return {
-        (variable, name)
-        for variable, name in pairs
-        if room in ROOMS.get(variable, ())
-        and name not in KNOWN[variable] | OTHERS.get(variable, set()) | set(extra)
-    }
-
-
-@pytest.mark.slow
-def test_every_name_that_is_asked_for_is_in_the_contract():
-    found, seen = {}, set()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        where, pairs = str(path.relative_to(PACKAGE)), set(asked(path.read_text()))
-        extra = names_of(Straight) if where in STRAIGHT else ()
-        found[where] = holes(pairs, where.split("/")[0], extra)
-        seen |= {name for variable, name in pairs if variable == "group"}
-    assert {where: missing for where, missing in found.items() if missing} == {}
-    assert {"strain", "tension", "lock_off", "is_ruptured", "links", "symmetric"} <= seen
-
-
-def test_the_search_finds_what_is_missing():
-    for source, room, missing in (
-        ('evaluate_elements("wobble", group, state)', "paths", {("group", "wobble")}),
-        ("f(group.wob, state.ble)", "mechanics", {("group", "wob"), ("state", "ble")}),
-    ):
-        assert holes(asked(source), room) == missing
-
 
 # --- classes that keep the contract, and those that do not
 

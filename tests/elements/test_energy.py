@@ -212,15 +212,3 @@ def test_tangent_at_zero_strain_is_that_of_the_taut_side():
     assert float(jax.grad(one.force)(0.0)) == 7.0
     assert float(jax.grad(one.force)(-1e-300)) == 0.0
     assert np.isnan(one.force(jnp.nan))  # a NaN is not slack
-
-
-@pytest.mark.slow
-def test_scale_of_the_residual_is_end_forces_plus_load():
-    made, x = system("bar")
-    _, scale = made.residual_and_scale(x)
-    total = np.linalg.norm(np.asarray(made.load), axis=1)
-    tension = np.abs(np.asarray(made.tensions(x)[0]))
-    for (i, j), t in zip(np.asarray(made.groups[0].links), tension, strict=True):
-        total[i] += t
-        total[j] += t
-    assert float(scale) == pytest.approx(total.max(), rel=1e-13)

@@ -3,7 +3,6 @@
 import functools
 import json
 import re
-from types import SimpleNamespace
 
 import ezdxf
 import jax
@@ -22,8 +21,6 @@ from oracles.taylor import assert_gradient
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.common import status
-from jaxcable.common.tree import Indices
-from jaxcable.model.result_parts import element_faces
 
 ET, NU = 1e4, 0.3
 
@@ -94,13 +91,13 @@ def test_stretched_square_is_its_closed_form():
     assert_allclose(reactions.sum(axis=0), 0.0, atol=1e-8 * np.abs(reactions).max())
 
 
-def stretched(*pretensions, method=None):
+def stretched(*pretensions):
     """Reactions on two edges of a square of cloth whose rim is held, [x, y], N; phase by phase."""
     nodes, triangles = sheet(3)
     half = len(triangles) // 2
     elements = {"one": Cloth(triangles[:half], ET, NU), "two": Cloth(triangles[half:], ET, NU)}
     structure = jc.Structure(nodes, elements, jc.pinned(rim(nodes)))
-    solution = jc.solve(structure, [jc.Phase(pretension=given) for given in pretensions], method)
+    solution = jc.solve(structure, [jc.Phase(pretension=given) for given in pretensions])
     sums = [
         jnp.stack([phase.reactions[nodes[:, k] == 1.0, k].sum() for k in (0, 1)])
         for phase in solution.phases
@@ -155,17 +152,6 @@ def test_files_and_commands_know_components(tmp_path, capsys):
     jsonschema.validate(json.loads(path.read_text()), jc.files.scene_schema())
     main(["info", str(path)])
     assert "pretension 120 to 300 N" in capsys.readouterr().out
-
-
-def test_one_number_is_for_cables_and_not_for_cloth():
-    nodes, triangles = sheet(1)
-    elements = {
-        "cloth": Cloth(triangles, ET, NU),
-        "edge": jc.Cables([[0, 1]], axial_stiffness=ET),
-    }
-    structure = jc.Structure(nodes, elements, jc.pinned(range(4)))
-    cloth, edge = jc.Phase(pretension=50.0).statements(structure)
-    assert not cloth and edge["pretension"].values == 50.0
 
 
 def roof():
@@ -295,18 +281,6 @@ def test_faces_in_files(tmp_path):
     assert_allclose(corners[:, :3], np.asarray(solution.positions)[cells["triangle"]], rtol=1e-14)
     with pytest.warns(jc.common.checks.InputWarning, match="3DFACE .32., layer 'sheet'"):
         assert len(jc.files.read_dxf(tmp_path / "roof.dxf").links) == 16
-
-
-def test_faces_of_four_ends():
-    """Triangles name their last node twice, and quadrilaterals may be triangles."""
-    groups = [
-        SimpleNamespace(face=None, links=Indices([[0, 1], [1, 2]])),
-        SimpleNamespace(face=(0, 1, 2), links=Indices([[4, 5, 6]])),
-        SimpleNamespace(face=(1, 2, 3, 0), links=Indices([[0, 1, 2, 3], [2, 4, 4, 5]])),
-    ]
-    corners, element, group = element_faces(groups)
-    assert corners.tolist() == [[4, 5, 6, 6], [1, 2, 3, 0], [4, 4, 5, 2]]
-    assert element.tolist() == [2, 3, 4] and group.tolist() == [1, 2, 2]
 
 
 def test_faces_in_pictures():

@@ -57,25 +57,6 @@ def test_a_cantilever_of_one_element(load):
     assert solution.reaction_moments[0, 1] == pytest.approx(-2 * SMALL * moment, rel=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("clamps", [[0, 2], []])
-def test_a_beam_between_two_supports(clamps):
-    """Uniform and point load: q L^4/384 EI + q L^2/8 GA clamped, P L^3/48 EI + P L/4 GA hinged."""
-    supports = jc.clamped(clamps) if clamps else jc.restrained([0, 2], "xyz", "x")
-    structure = line(2, supports=supports)
-    q = solved(structure, jc.LineLoads((0.0, 0.0, -SMALL)))
-    p = solved(structure, jc.NodalLoads([1], (0.0, 0.0, -SMALL)))
-    four, three = SMALL * LENGTH**4 / 384 / EIY, SMALL * LENGTH**3 / 48 / EIY
-    four, three = (four, three / 4) if clamps else (5 * four, three)
-    sag = four + SMALL * LENGTH**2 / 8 / GAZ
-    assert q.displacement[1, 2] == pytest.approx(-sag, rel=1e-9)
-    assert p.displacement[1, 2] == pytest.approx(-three - SMALL * LENGTH / 4 / GAZ, rel=1e-9)
-    if clamps:
-        moments = q.reaction_moments[jnp.array([0, 2]), 1]
-        expected = SMALL * LENGTH**2 / 12 * np.array([-1, 1])
-        assert np.asarray(moments) == pytest.approx(expected, rel=1e-9)
-
-
 def test_slender_and_stocky_beams_do_not_lock():
     """A clamped beam of two elements whose length is 1 to 1000 times its depth of 1 m."""
     E, G = 30e9, 12.5e9
@@ -208,25 +189,6 @@ def test_a_column_buckles_at_engessers_load(ratio):
 
 
 # --- fibre sections
-
-
-@pytest.mark.slow
-def test_a_fibre_section_within_its_linear_range_is_the_linear_one():
-    """Mean shear angles are unknowns of the analysis there, and follow in closed form here."""
-    fibres = jc.Section.rectangle(0.1, 0.2, CURVE, (4, 8))
-    ga = (4e8, 7e8)
-    EA, EIy, EIz = np.diag(fibres.stiffness())  # sums over fibres as points
-    numbers = jc.Section.linear(EA, EIy, EIz, float(fibres.torsional_stiffness()), *ga)
-    tips = []
-    for section in (fibres.with_shear(*ga), numbers):
-        loads = [
-            jc.LineLoads((0.0, 1.0, -2.0), per="initial"),
-            jc.NodalLoads([1], (0.0, 5.0, -3.0)),
-        ]
-        solution = solved(line(2, section, supports=jc.clamped([0, 2]), points=5), loads)
-        tips.append(np.append(solution.displacement[1], solution.reaction_moments[0]))
-    size = np.abs(tips[1]).max()
-    assert np.abs(tips[0] - tips[1]).max() < 1e-9 * size
 
 
 @pytest.mark.slow

@@ -31,24 +31,6 @@ def test_two_cables_carry_a_load_in_their_middle(EA, load):
     assert np.abs(found.displacement[1, :2]).max() < 1e-17
 
 
-def test_sliding_rope_hangs_on_an_ellipse():
-    # a stiff rope of length 3 between supports 2 apart: the load slides to the middle
-    rope = [Element("rope", (0, 1, 2), 1e12, WIDE(3))]
-    net = scene([(-1, 0, 0), (0.6, 0, 0), (1, 0, 0)], [1], rope, [(0, 0, 0), (0, 0, -8), (0, 0, 0)])
-    found = find(net)
-    assert found.found
-    assert np.abs(net.nodes[1] + found.displacement[1] - [0, 0, -np.sqrt(1.25)]).max() < 1e-10
-    assert found.tension[0] == pytest.approx(4 * 1.5 / np.sqrt(1.25), rel=1e-10)
-
-
-def test_jack_stresses_a_cable():
-    parts = [Element("cable", (0, 1), 1e6, WIDE(1)), Element("jack", (1, 2), force=5e3)]
-    found = find(scene([(0, 0, 0), (0.5, 0.5, 0), (2, 0, 0)], [1], parts))
-    assert found.found
-    assert found.tension[0] == pytest.approx(5e3, rel=1e-12)
-    assert 0.5 + found.displacement[1, 0] == pytest.approx(1.005, rel=1e-15)
-
-
 def test_a_scene_without_equilibrium_is_not_found():
     free = [(0, 0, 0), (1, 0, 0)]
     loose = find(scene(free, [1], [], [(0, 0, 0), (0, 0, 1)]))
@@ -100,33 +82,3 @@ def test_catenaries_meet_where_irvine_says(EA):
     assert np.abs(found.displacement).max() < 1e-15
     ends = [np.hypot(left[0], left[1] + k * q * length / 2) for k in (-1, 1)]
     assert found.tension[0] == pytest.approx(np.mean(ends), rel=1e-15)
-
-
-@pytest.mark.parametrize(("load", "EA"), [(0.0, 1e10), (5.0, 1e2)])
-def test_hanging_catenary_lengthens_by_its_weight(load, EA):
-    one = [Element("catenary", (0, 1), EA, WIDE(3), load=(0, 0, -2))]
-    found = find(scene([(0, 0, 0), (0, 0, -1)], [1], one, [(0, 0, 0), (0, 0, -load)]))
-    assert found.found
-    long = (WIDE(load) * 3 + 3 * WIDE(3) ** 2 / 3) / EA
-    assert -1 + found.displacement[1, 2] == pytest.approx(-3 - long, rel=1e-17)
-
-
-def test_catenary_without_weight_is_a_cable():
-    nodes = [(0, 0, 0), (0.3, 0.5, 0.1), (2, 0, 0)]
-    load = [(0, 0, 0), (1, -3, 2), (0, 0, 0)]
-    cables = [Element("cable", pair, 1e4, WIDE(1.1)) for pair in LINKS]
-    light = [Element("catenary", pair, 1e4, WIDE(1.1), load=(0, 0, 0)) for pair in LINKS]
-    a, b = find(scene(nodes, [1], cables, load)), find(scene(nodes, [1], light, load))
-    assert a.found and b.found
-    assert np.abs(a.displacement - b.displacement).max() < 1e-16
-    assert np.abs(np.array(a.tension) - b.tension).max() < 1e-12
-
-
-def test_prescribed_movement_stresses_a_slack_cable():
-    row = [Element("cable", pair, 1e7, WIDE(1)) for pair in LINKS]
-    moved = np.zeros((3, 3))
-    moved[2, 0] = 2e-3
-    net = scene([(0, 0, 0), (0.9, 0.1, 0), (2, 0, 0)], [1], row, prescribed=moved)
-    found = find(net)
-    assert found.found
-    assert found.tension == pytest.approx([1e4, 1e4], rel=1e-12)

@@ -38,18 +38,6 @@ def test_a_small_load_in_single_precision_moves_the_beam():
 
 
 @pytest.mark.slow
-def test_a_stiff_beam_does_not_hide_a_small_load():
-    rigid = jc.Section.rectangle(0.02, 0.05, jc.Elastic(1e18))
-    beams = [jc.Beams([[0, 1]], section=SECTION), jc.Beams([[1, 2]], section=rigid)]
-    deflection, solution = tip(jnp.float64(1.0), jc.Structure(NODES, beams, jc.clamped([0])))
-    assert int(solution.status) == 0
-    # bending of the first metre, by force and moment, and its slope carried on; stiffnesses
-    # apart by 5e6 leave eps times that
-    expected = -(1 / 3 + 1 / 2 + 1 / 2 + 1) / EI
-    assert float(deflection) == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.slow
 def test_loads_of_hinged_ends_are_those_of_their_node():
     hinges = np.zeros((4, 2), bool)
     hinges[1, 1] = True

@@ -87,6 +87,7 @@ def test_struts_beside_slack_cables():
     assert total[0] < 0.8 * total[1]
 
 
+@pytest.mark.slow
 def test_gradients():
     structure, phase = beside_beams("half", 14, 1e3)
     cables, forces = structure.elements["cables"], np.asarray(phase.loads.forces)

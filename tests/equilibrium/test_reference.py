@@ -93,17 +93,3 @@ def test_accuracy_cable_matches_the_closed_form(n_elements):
         assert abs(moved[node - 1, 2] - exact[f"vertical_node_{node}"]) < 1e-6
         assert abs(moved[node - 1, 0] - exact[f"horizontal_node_{node}"]) < 1e-6
     assert np.abs(moved[:, 1]).max() == 0.0  # held out of plane
-
-
-@pytest.mark.slow
-def test_saddle_geometry_and_equilibrium():
-    structure, phases = jc.scenes.saddle(4, 3, spacing=2.0, rise=0.15)
-    nodes = np.asarray(structure.nodes)
-    span = np.array([10.0, 8.0])
-    x, y, z = nodes.T
-    assert np.allclose(z, 0.15 * (10 * (2 * x / 10 - 1) ** 2 - 8 * (2 * y / 8 - 1) ** 2))
-    assert nodes[:, :2].max(0).tolist() == span.tolist() and len(nodes) == 6 * 5 - 4
-    assert len(structure.elements.links) == 3 * 5 + 4 * 4
-    solution = jc.solve(structure, phases)
-    jc.raise_if_failed(solution)
-    assert_balanced(solution)

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.traced import traced
 
@@ -19,8 +18,8 @@ NODES = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 
 CRITICAL = 10.0  # N: a rigid strut of 1 m between springs of 50 N / 5 m
 
 
-def propped_strut(stiffness=1e6):
-    strut = jc.Bars([[0, 1]], axial_stiffness=stiffness)
+def propped_strut():
+    strut = jc.Bars([[0, 1]], axial_stiffness=1e6)
     springs = jc.Bars([[1, 2], [1, 3]], axial_stiffness=[50.0, 60.0])
     return jc.Structure(NODES, [strut, springs], jc.pinned([0, 2, 3]))
 
@@ -122,25 +121,6 @@ def test_random_trusses_against_eigenvalues():
 
 
 @pytest.mark.slow
-def test_a_clamped_column_of_beams():
-    """Euler's load of a cantilever, pi^2 EI / (2 L)^2; eight elements miss it by 1e-4."""
-    n, length = 8, 10.0
-    nodes, links = pieces(n, length, (0.0, 0.0, 1.0))
-    section = jc.Section.disc(0.1, jc.Elastic(210e9))
-    column = jc.Structure(nodes, jc.Beams(links, section=section, up=(1.0, 0, 0)), jc.clamped([0]))
-    euler = np.pi**2 * 210e9 * np.pi * 0.1**4 / 64 / (2 * length) ** 2
-
-    @traced
-    def analyse(load):
-        loads = jc.NodalLoads([n], load * jnp.array([0.0, 0.0, -1.0]))
-        return jc.solve(column, jc.Phase(loads=loads), jc.Newton())
-
-    for factor in (0.99, 1.01, 4.9, 9.1):  # above 9 a second mode has gone, too
-        solution = converged(analyse(factor * euler))
-        assert bool(solution.stable) == (factor < 1), factor
-
-
-@pytest.mark.slow
 def test_nets_of_cables_are_stable():
     """Their energy is convex; loose nodes and slack cables are no instability."""
     structure, phases = jc.scenes.flat_net(load=15.0)
@@ -185,6 +165,7 @@ def crane():
     return jc.Structure(nodes, beams, supports=jc.restrained([0], "xyz", "xy")), 2
 
 
+@pytest.mark.quick_cases("gate-superlu", "crane-incremental")
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 @pytest.mark.parametrize("scene", [gate, crane])
 def test_what_turns_freely_is_not_stable(scene, method):

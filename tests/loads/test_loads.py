@@ -11,7 +11,6 @@ from banks.shapes import SPOKES, SQUARE, load_at_rest
 from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
-from scipy.optimize import brentq
 
 import jaxcable as jc
 
@@ -89,35 +88,6 @@ def test_projected_loads_on_a_running_rope_go_to_the_pieces_that_have_a_projecti
 
 # --- combinations
 
-CASES = {
-    "dead": [jc.SelfWeight(), jc.LineLoads((0, 0, -5.0))],
-    "snow": jc.LineLoads((0, 0, -40.0), per="projected"),
-    "wind": jc.NodalLoads([4], (30.0, 5.0, 0)),
-}
-FACTORS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [1.35, 1.5, 0.9]])
-
-
-@pytest.mark.slow
-def test_combinations_are_a_batch():
-    """Each has the factored loads of the cases, and is in equilibrium under them."""
-
-    def analyse(loads):
-        return jc.solve(hub(), [jc.Phase(prestrain=0.02), jc.Phase(loads=loads)])
-
-    batch = jax.vmap(analyse)(jc.combine(CASES, FACTORS))
-    assert (np.asarray(batch.status) == 0).all()
-    load = np.asarray(batch.load)
-    np.testing.assert_allclose(load[0, :, 2], at_ends(SPOKES, -25.0 * REST), rtol=1e-13)
-    np.testing.assert_allclose(load[2, 4], [30.0, 5.0, 0.0], rtol=1e-13)
-    np.testing.assert_allclose(load[3], np.tensordot(FACTORS[3], load[:3], 1), rtol=1e-13)
-    tension = np.hstack([batch.tension["front"], batch.tension["back"]])
-    way = np.asarray(batch.positions)[:, :4] - np.asarray(batch.positions)[:, 4:]
-    pull = tension[..., None] * way / np.linalg.norm(way, axis=-1, keepdims=True)
-    left = pull.sum(axis=1) + load[:, 4]
-    assert np.abs(left).max() < 1e-9 * 2e3 and np.ptp(tension, axis=0).min() > 1.0  # tol 1e-10
-    (alone,) = jc.combine([jc.NodalLoads([1], (1.0, 2.0, 3.0))], [2.0])
-    assert alone.forces.tolist() == [2.0, 4.0, 6.0]
-
 
 def test_every_load_can_be_scaled():
     loads = [
@@ -174,21 +144,6 @@ def test_elements_bend_and_hang_under_loads_on_some_of_them():
         np.testing.assert_allclose(along[:, 2], [0, -2 * each, -2 * each], rtol=1e-14)
 
 
-@pytest.mark.slow
-def test_a_beam_is_bent_by_the_load_on_its_outer_half():
-    """Cantilever of two elements: the root's moment is q times half the length at its lever."""
-    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(200e9))
-    structure = shapes.beam(2, section, 4.0)
-    half = jc.LineLoads((0.0, 0.0, -5.0), elements=jc.only([False, True]))
-    solution = converged(jc.solve(structure, jc.Phase(loads=jc.combine([half], [2.0]))))
-    # it deflects by 2e-4 of its length: the lever shortens by the square of that
-    moments = np.abs(np.asarray(solution.section_forces)[:, :, 4])
-    assert moments[0, 0] == pytest.approx(10.0 * 2.0 * 3.0, rel=1e-6)
-    assert moments[1, 0] == pytest.approx(10.0 * 2.0 * 1.0, rel=1e-6)
-    # what the load between its ends bends
-    assert moments[1, 1] == pytest.approx(10.0 * 1.0 * 0.5, rel=1e-5) and moments[1, -1] < 1e-6
-
-
 def test_a_form_under_loads_on_some_of_its_cables():
     """Balance of every free node by NumPy, and the derivative by the load."""
     nodes = np.array([[0, 0, 3.0], [3, 0, 1.0], [6, 0, 0.0], [9, 0, 1.5], [12, 0, 3.0]])
@@ -226,16 +181,6 @@ def test_parts_are_kept_in_files(tmp_path):
     assert [load.on for load in again] == ["back", "back"]
 
 
-def test_elements_do_not_compile_anew():
-    """Which elements are loaded is data of the program, not the program."""
-    one, two = (
-        jc.SelfWeight(on="back", elements=jc.only(chosen)).with_group_numbers(hub())
-        for chosen in ([0], [0, 1])
-    )
-    assert jax.tree.structure(one) == jax.tree.structure(two)
-    assert jnp.sum(two.element_factors[0]) == 2
-
-
 # --- derivatives: all kinds of loads on a pyramid
 
 TOP = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0.05, 0.5]])
@@ -249,7 +194,6 @@ P = {
     "axis": jnp.array([0.1, -1.0, 0.05]),
     "factors": jnp.ones(9),
 }
-ONLY_FACES = P["factors"].at[:].set(0.0).at[5].set(1.0)
 
 
 def solved(p):
@@ -287,18 +231,3 @@ def test_gradients():
 
     sizes = dict.fromkeys(P, 50.0) | {"nodes": 1.0, "unstressed length": 1.0}  # loads: 2 %
     assert_gradient(top, P, sizes, corrupted=1.1)
-
-
-@pytest.mark.slow
-def test_pressed_pyramid():
-    """The top gets p/3 of the base area, whatever its height: 4 N h / l = p A / 3, A = 2."""
-    even = {"pressure of faces": np.full(4, 300.0), "unstressed length": np.full(4, 1.05)}
-    solution = converged(traced(solved)(P | even | {"factors": ONLY_FACES}))
-    assert np.asarray(solution.load[4]) == pytest.approx([0, 0, 300 * 2 / 3], abs=1e-11)
-
-    def missing(h):
-        length = np.hypot(1, h)
-        return 4 * 1e4 * max(length / 1.05 - 1, 0) * h / length - 200
-
-    h = brentq(missing, 0.0, 5.0, xtol=1e-14)
-    assert np.asarray(solution.positions[4]) == pytest.approx([0, 0, h], abs=1e-10)

@@ -1,7 +1,6 @@
 """Moved supports and loads along elements, in nets: closed forms and derivatives."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
@@ -92,76 +91,3 @@ def test_traced_movements_of_partly_held_nodes():
     assert int(moved(up)[0][1]) == status.NONFINITE
     with pytest.raises(ValueError, match="node 1 is free along z"):
         tension(up)
-
-
-def mover(kind):
-    """A structure of cables or of beams whose supports move, and its phases as a function."""
-    if kind == "cables":
-        nodes = [[-4.0, 0, 3], [0, 0, 0], [4.0, 0, 3]]
-        group, held = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5), jc.pinned([0, 2])
-        own, force = {"pretension": 500.0}, (0.0, 0.0, -600.0)
-    else:
-        section = jc.Section.rectangle(0.05, 0.08, jc.Elastic(1e8))
-        nodes = [[0.0, 0, 0], [2.0, 0, 0.2], [4.0, 0, 0]]
-        group, held = jc.Beams([[0, 1], [1, 2]], section=section), jc.clamped([0, 2])
-        own, force = {}, (0.0, 5.0, -10.0)
-    structure = jc.Structure(nodes, group, held)
-    load = jc.Phase(loads=jc.NodalLoads([1], force), **own)
-
-    def end(amount, corrections, increments):
-        move = jc.SupportMovement([2], jnp.array([0.3, 0.0, 0.1]) * amount)
-        phases = [load, jc.Phase(loads=move, increments=increments)]
-        solution = jc.solve(structure, phases, jc.Incremental(corrections, tol=np.inf))
-        return solution.displacement[1, 2]
-
-    return end
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "corrections", "increments"), [("cables", 0, 1), ("cables", 1, 2), ("beams", 0, 1)]
-)
-def test_the_scheme_of_the_paper_moves_supports_as_its_derivative_says(
-    kind, corrections, increments
-):
-    """One tangent an increment, at the place of the supports of that increment.
-
-    By reverse mode once, else by forward mode, which compiles in less time.
-    """
-    end = mover(kind)
-
-    def reach(m):
-        return end(m, corrections, increments)
-
-    def forward(m):
-        return jax.jvp(reach, (m,), (1.0,))
-
-    backward = (kind, corrections) == ("cables", 0)
-    there = traced(jax.value_and_grad(reach) if backward else forward)
-    h = 1e-5
-    (place, rate), between = there(1.0), there(1 + h)[0] - there(1 - h)[0]
-    assert float(rate) == pytest.approx(float(between) / (2 * h), rel=1e-7, abs=1e-10)
-    if backward:  # by the tangent with the support moved, in NumPy
-        assert float(place) == pytest.approx(one_step(), rel=1e-9)
-
-
-def one_step():
-    """Both phases by one linear solve each, from lengths in NumPy."""
-    rest = 5.0 / (1 + 500.0 / 1e5)
-
-    def forces(u, end):
-        total, matrix = np.array([0.0, 0.0, -600.0]), np.zeros((3, 3))
-        for place in (np.array([-4.0, 0, 3]), end):
-            way = place - u
-            length = np.linalg.norm(way)
-            pull, along = 1e5 * (length - rest) / rest, way / length
-            total = total + pull * along
-            across = np.eye(3) - np.outer(along, along)
-            matrix = matrix + 1e5 / rest * np.outer(along, along) + pull / length * across
-        return total, matrix
-
-    u = np.zeros(3)
-    for end in ([4.0, 0, 3], [4.3, 0, 3.1]):  # a solve a phase
-        total, matrix = forces(u, np.array(end))
-        u = u + np.linalg.solve(matrix, total)
-    return u[2]

@@ -6,12 +6,10 @@ import itertools
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 
-SECTION = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
 UP = (0.0, 0.0, 1.0)
 
 
@@ -43,18 +41,6 @@ def arch_under_pressure():
         return load
 
     return structure, phases, by_hand
-
-
-def beams_under_line_loads():
-    """A cantilever of two beams: its weight, a load along one of them, a moment at its tip."""
-    beams = jc.Beams([[0, 1], [1, 2]], section=SECTION, weight=40.0)
-    structure = jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], beams, supports=jc.clamped([0]))
-    line = jc.LineLoads((0.0, 5.0, -20.0), per="initial", elements=jc.only([1]))
-    moment = jc.NodalLoads([2], (0.0, 0.0, -10.0), moments=(0.0, 5.0, 0.0))
-    phases = [jc.Phase(loads=load) for load in (jc.SelfWeight(), line, moment)]
-    loads = [[[0, 0, -20], [0, 0, -40], [0, 0, -20]], [[0, 0, -20], [0, 2.5, -50], [0, 2.5, -30]]]
-    loads.append([*loads[1][:2], [0, 2.5, -40]])
-    return structure, phases, lambda k, phase: loads[k]
 
 
 def freed_and_propped():
@@ -101,11 +87,9 @@ def stages():
 
 
 CASES = {
-    "beams": beams_under_line_loads,
     "pressure": arch_under_pressure,
     "freed": freed_and_propped,
     "stages": stages,
-    "catenaries": scenes.suspended_cable,
 }
 
 
@@ -130,7 +114,7 @@ def test_loads_of_every_end_are_in_balance_with_reactions(name):
 
 
 @pytest.mark.quick_cases("stages")
-@pytest.mark.parametrize("name", ["beams", "pressure", "freed", "stages"])
+@pytest.mark.parametrize("name", CASES)
 def test_sums_by_hand(name):
     by_hand = CASES[name]()[2]
     for k, phase in enumerate(solved(name).phases):

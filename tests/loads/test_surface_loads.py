@@ -13,7 +13,7 @@ from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
-from jaxcable.common import checks, status
+from jaxcable.common import checks
 
 ET, NU = 1e4, 0.3
 NODES, TRIANGLES = sheet(4, warp=0.06)
@@ -139,8 +139,9 @@ def test_scene_files_and_their_schema_know_groups(tmp_path):
     ]
     jc.save_scene(path, (square(), [jc.Phase(prestrain=0.01), jc.Phase(loads=loads)]))
     scene = jc.load_scene(path)
-    assert (scene.phases[1].loads[0].pressure == PRESSURES).all()
-    assert_allclose(jc.solve(*scene).displacement, loaded(*loads).displacement, rtol=0)
+    pressed, covered = scene.phases[1].loads
+    assert (pressed.pressure == PRESSURES).all() and (pressed.on, covered.on) == ("one", "two")
+    assert covered.elements.elements.array.tolist() == [3] and covered.forces[2] == -5.0
     data = json.loads(path.read_text())
     jsonschema.validate(data, jc.files.scene_schema())
     data["phases"][1]["loads"][0]["faces"] = [[0, 1, 2]]
@@ -194,36 +195,6 @@ def test_a_sphere_under_pressure():
         errors.append([1 - volume / (np.pi / 6 * stretch**3), 1 - force])
     assert (np.array(errors[1]) < 0.03).all()
     assert_allclose(np.log2(np.divide(*errors)), 2.0, atol=0.15)
-
-
-def test_a_tube_under_pressure():
-    """Held along its axis and free around it: N = p r with r = s R around it, and nu = 0.
-
-    N is s times the second Piola-Kirchhoff force, E t (s^2 - 1) / 2. The panels are flat: second
-    order in their number.
-    """
-    pressure, errors = 1500.0, []
-    stretch = np.sqrt(1 + 2 * pressure / ET)
-    for n in (8, 16):
-        angle = np.pi / 2 * np.arange(n + 1) / n
-        ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-        nodes = np.concatenate([ring, ring + np.array([0.0, 0.0, np.pi / 2 / n])])
-        k = np.arange(n)
-        quads = np.stack([k, k + 1, k + n + 2, k + n + 1], axis=1)
-        # both ways to split a panel, with half of the stiffness each, leave no way to twist
-        split = [quads[:, own] for own in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])]
-        mask = np.zeros((len(nodes), 3), bool)
-        mask[:, 2] = True
-        mask[[0, n + 1], 1] = mask[[n, 2 * n + 1], 0] = True
-        skin = Membranes(np.concatenate(split), 0.5 * ET, 0.0)
-        structure = jc.Structure(nodes, skin, jc.Supports(mask))
-        solution = jc.solve(structure, jc.Phase(loads=jc.FacePressure(pressure=0.5 * pressure)))
-        assert solution.status == status.OK
-        radius = np.linalg.norm(np.asarray(solution.positions)[:, :2], axis=1)
-        assert np.ptp(radius) < 1e-9
-        errors.append(abs(radius[0] / stretch - 1))
-    assert errors[1] < 0.01
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
 def sag(absent, numbers):

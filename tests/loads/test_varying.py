@@ -9,11 +9,10 @@ import pytest
 from banks import shapes
 from banks.problems import two_links
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.taylor import TIGHT
 from oracles.traced import traced
 
 import jaxcable as jc
-from jaxcable.analysis.preparation import prepare
 from jaxcable.common.tree import pytree
 from jaxcable.common.types import ArrayLike, Float
 from jaxcable.loads.load import OnNodes
@@ -163,12 +162,6 @@ def on_the_way(numbers):
 NUMBERS = np.array([0.5, 0.02, 0.15, 0.06])
 
 
-@pytest.mark.slow
-def test_gradient_on_the_path_of_a_net():
-    """By a parameter, by the factor of a load step, by others."""
-    assert (np.asarray(assert_gradient(on_the_way, NUMBERS)) != 0).all()
-
-
 def test_a_batch_of_amplitudes():
     """Mapped over, and one by one."""
     cases = NUMBERS * np.array([[1.0], [0.9], [1.1]])
@@ -214,22 +207,6 @@ def test_a_small_load_that_comes_and_goes():
     assert moved == pytest.approx(0.1 * np.array([1e-9, 1.0, 1e-9, 0.0]) / 2e6, abs=5e-9 * 5e-8)
 
 
-def test_loads_share_their_program():
-    """Loads of a kind with amplitudes of several lengths, and without, are evaluated as one."""
-    own = [([0.0, 1.0], [0.0, 1.0]), (POINTS, FACTORS)]
-    loads = [jc.LineLoads(DOWN), *(jc.Varying(jc.LineLoads(DOWN), *pair) for pair in own)]
-    first = jc.Phase(prestrain=0.02, loads=[jc.SelfWeight(), jc.LineLoads(DOWN)])
-    phases = [first, jc.Phase(loads=loads, increments=4)]
-    task = prepare(hub(), phases, None, None)
-    _, stack = task.loads
-    assert len(stack.phase) == 4 and stack.amplitude.factors.shape == (4, 4)
-    # padding changes no function
-    at = np.linspace(0, 1, 21)
-    values = np.array([stack.amplitude.factor_at(s) for s in at])
-    np.testing.assert_allclose(values[:, 2], at, atol=1e-15)
-    np.testing.assert_allclose(values[:, 3], np.interp(at, POINTS, FACTORS), atol=1e-15)
-
-
 def test_combined():
     """Load cases with amplitudes are scaled by their factors."""
     wind = jc.Varying(PULL, [0.0, 0.5, 1.0], [0.0, 1.0, 0.5])
@@ -238,25 +215,6 @@ def test_combined():
     batch = jc.combine([wind, PULL], [[1.0, 2.0], [3.0, 4.0]])
     analyse = jax.vmap(lambda loads: jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=loads)))
     np.testing.assert_allclose(analyse(batch).tension[:, 0], [2.5, 5.5])
-
-
-def test_work_of_a_load_that_begins_late_and_ends():
-    """A beam that is bent by a moment first: work of a line load on its deflection within it."""
-    side, law, q, moment = 0.05, jc.Elastic(2.1e11), 10.0, 4.0
-    section = jc.Section.rectangle(side, side, law, shape=(4, 4))
-    structure = shapes.beam(1, section, 2.0, up=(0.0, 1.0, 0.0))
-    line = jc.Varying(jc.LineLoads((0, 0, -q)), [0.0, 0.33, 0.5, 0.77, 1.0], [0.0, 0, 1.0, 0, 0])
-    turn = jc.NodalLoads([1], np.zeros(3), (0.0, moment, 0.0))
-    phases = [jc.Phase(loads=turn), jc.Phase(loads=line, increments=20)]
-    solution = converged(jc.solve(structure, phases, TIGHT))
-    balance = jc.energy_balance(structure, phases, solution)
-    bending = 2.1e11 * side**4 / 12
-    level = moment**2 * 2.0 / (2 * bending)
-    # deflections of 3e-5 of the length; the section is one of fibres, exact in bending
-    assert balance.level == pytest.approx(level, rel=1e-6)
-    assert balance.dead[1] == pytest.approx(0, abs=1e-6 * level)
-    work = q**2 * 2.0**5 / (40 * bending)  # of the load alone, up to its peak
-    assert np.abs(balance.increments[1]).max() < 1e-6 * work
 
 
 @pytest.mark.slow

@@ -15,9 +15,7 @@ With z up, a load downwards and sagging, My < 0: the bottom (z < 0) is stretched
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.linalg import block_diag, null_space, solve
-from scipy.optimize import root
 
 RIGID = ((np.inf,) * 3,) * 2
 ZERO = (0.0, 0.0, 0.0)
@@ -31,9 +29,8 @@ class Member:
     The shear forces act on the axis (no torque by them), also where D is off-centre.
     joints [2, 3]: rotational springs [N m/rad] between each end and its node (or rigid arm), about
     the local x, y, z: inf rigid, 0 released. offsets [2, 3]: rigid arms from node to member end, in
-    global components [m]. axial: carries EA only, and `tension` [N] which is there at zero
-    displacement and stiffens transversally by tension / L. load [3]: dead load in global
-    components [N/m], over the length; an axial member hands half of it to each end.
+    global components [m]. axial: carries EA only. load [3]: dead load in global components [N/m],
+    over the length; an axial member hands half of it to each end.
     """
 
     first: int
@@ -47,7 +44,6 @@ class Member:
     joints: tuple = RIGID
     offsets: tuple = (ZERO, ZERO)
     axial: bool = False
-    tension: float = 0.0
     load: tuple = ZERO
 
 
@@ -56,15 +52,12 @@ class Solution:
     """Results; global components but for the members' forces, which are local.
 
     displacements [n, 6]: translations [m], rotations [rad]. reactions [n, 6]: forces and moments
-    of the supports upon the structure; held [c]: the same along each held direction; springs [k]:
-    those of the springs to ground. end_forces [m, 12]: what the nodes exert on the member's two
+    of the supports upon the structure. end_forces [m, 12]: what the nodes exert on the member's two
     ends, force and moment each, at the member's ends. lengths [m], loads [m, 3] of the members.
     """
 
     displacements: np.ndarray
     reactions: np.ndarray
-    held: np.ndarray
-    springs: np.ndarray
     end_forces: np.ndarray
     lengths: np.ndarray
     loads: np.ndarray
@@ -124,13 +117,11 @@ def _beam(length, D, GJ, q):
     return relative.T @ np.linalg.solve(f, relative), rest
 
 
-def _bar(length, EA, tension, q):
+def _bar(length, EA, q):
     """Stiffness [12, 12] and end forces at rest [12] of an axial member."""
     k = np.zeros((12, 12))
-    k[:3, :3] = k[6:9, 6:9] = np.diag([EA, tension, tension]) / length
-    k[:3, 6:9] = k[6:9, :3] = -k[:3, :3]
+    k[np.ix_([0, 6], [0, 6])] = EA / length * np.array([[1, -1], [-1, 1]])
     rest = np.zeros(12)
-    rest[[0, 6]] = -tension, tension
     rest[:3] -= q * length / 2
     rest[6:9] -= q * length / 2
     return k, rest
@@ -158,7 +149,7 @@ def _element(nodes, member):
     axes, length = local_axes(along, member.up), np.linalg.norm(along)
     q = axes @ np.asarray(member.load, float)
     if member.axial:
-        k, rest = _bar(length, member.EA, member.tension, q)
+        k, rest = _bar(length, member.EA, q)
     else:
         plain = section_stiffness(member.EA, member.EIy, member.EIz)
         D = plain if member.D is None else np.asarray(member.D, float)
@@ -175,12 +166,12 @@ def _direction(n, node, vector, kind):
     return row.ravel()
 
 
-def solve_frame(nodes, members, supports, loads, springs=()):
+def solve_frame(nodes, members, supports, loads):
     """Solution of a frame.
 
     nodes [n, 3]; supports: (node, vector, "translation" | "rotation") each held direction;
-    loads [n, 6]: forces and moments; springs: (node, vector, kind, stiffness) to ground.
-    Rotations of nodes that only axial members meet are held. A mechanism is refused.
+    loads [n, 6]: forces and moments. Rotations of nodes that only axial members meet are held. A
+    mechanism is refused.
     """
     nodes, loads = np.asarray(nodes, float), np.asarray(loads, float)
     n = len(nodes)
@@ -191,9 +182,6 @@ def solve_frame(nodes, members, supports, loads, springs=()):
         K[np.ix_(dofs, dofs)] += to_local.T @ k @ to_local
         rest[dofs] += to_local.T @ p
         elements.append((k, p, to_local, length, q, dofs))
-    ground = np.array([_direction(n, *spring[:3]) for spring in springs]).reshape(-1, 6 * n)
-    stiffness = np.array([spring[3] for spring in springs])
-    K += ground.T @ (stiffness[:, None] * ground)
     held = np.array([_direction(n, *support) for support in supports]).reshape(-1, 6 * n)
     idle = [i for i in range(6 * n) if i % 6 > 2 and not K[i].any()]
     if loads.ravel()[idle].any():
@@ -204,8 +192,6 @@ def solve_frame(nodes, members, supports, loads, springs=()):
     return Solution(
         displacements=u.reshape(n, 6),
         reactions=(held.T @ along).reshape(n, 6),
-        held=along,
-        springs=-stiffness * (ground @ u),
         end_forces=np.array([k @ to @ u[dofs] + p for k, p, to, _, _, dofs in elements]),
         lengths=np.array([element[3] for element in elements]),
         loads=np.array([element[4] for element in elements]),
@@ -234,79 +220,3 @@ def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
     """
     moment = np.pi / L * np.sqrt(EIz * GJ)
     return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment
-
-
-def offset_cantilever(P, N, L, EA, EI, e):
-    """Tip (u along x, w along z, slope w' = -rotation about y) of the axis of the nodes.
-
-    Centroid at z = e off that axis; P along z and N along x act at the tip, on the axis. EI about
-    the centroid. From EI w'' = P (L - x) + N e and e0 = N / EA + e w''.
-    """
-    w = P * L**3 / (3 * EI) + N * e * L**2 / (2 * EI)
-    slope = P * L**2 / (2 * EI) + N * e * L / EI
-    return N * L / EA + e * slope, w, slope
-
-
-@dataclass(frozen=True)
-class CrackedSection:
-    """Rectangle b x h [m] of elastic concrete without tension, elastic steel As [m2] at z = +-d.
-
-    Moduli Ec, Es [Pa]; strain = e0 + k z, N = sum s A, M = sum s A z about mid-height. The concrete
-    displaced by the steel is not deducted.
-    """
-
-    b: float
-    h: float
-    Ec: float
-    Es: float
-    As: float
-    d: float
-
-    def forces(self, e0, k):
-        """(N, M) of (e0, k), integrated in closed form over the compressed part."""
-        half, turn = self.h / 2, abs(k)
-        top = half if e0 < 0 else -half  # compressed from -half up to top, k >= 0
-        if turn > 0:
-            top = np.clip(-e0 / turn, -half, half)
-        I0, I1, I2 = ((top**m - (-half) ** m) / m for m in (1, 2, 3))
-        N = self.Ec * self.b * (e0 * I0 + turn * I1) + 2 * self.Es * self.As * e0
-        M = self.Ec * self.b * (e0 * I1 + turn * I2) + 2 * self.Es * self.As * turn * self.d**2
-        return N, np.copysign(M, k) if k else 0.0
-
-    def stiffness(self, concrete=True):
-        """(EA, EI) of the whole section, or of the steel alone."""
-        EA, EI = 2 * self.Es * self.As, 2 * self.Es * self.As * self.d**2
-        area = concrete * self.b * self.h
-        return EA + self.Ec * area, EI + self.Ec * area * self.h**2 / 12
-
-    def limit(self, N):
-        """Moment up to which an edge stays closed (N < 0), or the whole height open (N > 0)."""
-        EA, EI = self.stiffness(concrete=N < 0)
-        return abs(N) / EA * EI / (self.h / 2)
-
-    def strains(self, N, M):
-        """(e0, k) of (N, M), by root finding on scaled unknowns."""
-        EA, EI = self.stiffness()
-        unit = abs(N) / EA + abs(M) / EI * self.h / 2
-        if unit == 0:
-            return 0.0, 0.0
-        scale = np.array([unit, unit / (self.h / 2)])
-        forces = np.array([EA * scale[0], EI * scale[1]])
-        found = root(
-            lambda x: (self.forces(*(x * scale)) - np.array([N, M])) / forces,
-            np.array([N / EA, M / EI]) / scale,
-            options={"xtol": 1e-13},
-        )
-        if np.abs(found.fun).max() > 1e-10:
-            raise ValueError("no strains found")
-        return tuple(found.x * scale)
-
-    def tip_deflection(self, P, N, L):
-        """Of a cantilever under P at its tip, along P: first order, M = P (L - x), N constant."""
-        kink = self.limit(N) / abs(P)  # distance from the tip, where the section's state changes
-        points = [kink] if 0 < kink < L else None
-
-        def integrand(a):
-            return self.strains(N, P * a)[1] * a
-
-        return quad(integrand, 0, L, points=points, epsabs=0, epsrel=1e-10)[0]

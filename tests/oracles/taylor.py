@@ -6,6 +6,7 @@ import weakref
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -54,6 +55,25 @@ def assert_gradient(function, p, size=1.0, by=None, corrupted=1.01):
         right, wrong = (slope(value, at, factor * rate, steps) for factor in (1.0, corrupted))
         assert abs(right - 2) < 0.1 and wrong < 1.5, (name, right, wrong)
     return gradient
+
+
+def joined(function, p, size=1.0):
+    """Return a function of all numbers of a dict in one array, and this array, which is all ones.
+
+    Args:
+        function: of `p`, as of `assert_gradient`.
+        p: a dict of numbers.
+        size: of the steps of each; a dict by names of `p` where some are not 1.
+
+    Returns:
+        The arguments of an `assert_gradient` that takes one step of all, each of its own size: it
+        needs as many analyses as one by a single name.
+    """
+    sizes = size if isinstance(size, dict) else dict.fromkeys(p, size)
+    p = {k: jnp.asarray(x, float) for k, x in p.items()}
+    steps = {k: jnp.full(x.shape, sizes.get(k, 1.0) * jnp.abs(x).max()) for k, x in p.items()}
+    (start, as_dict), (each, _) = ravel_pytree(p), ravel_pytree(steps)
+    return lambda x: function(as_dict(start + each * (x - 1))), jnp.ones_like(start)
 
 
 @functools.lru_cache(maxsize=2)  # of tests of one function, name by name

@@ -4,12 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 from oracles.convergence import converged
-from oracles.traced import traced
 
 import jaxcable as jc
-from jaxcable.plots.snapshots import Snapshots
 from jaxcable.results.interpolation import interpolate_section_forces
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
@@ -91,21 +88,6 @@ def test_polynomials_through_gauss_lobatto_points(count):
     np.testing.assert_allclose(found[:, 1], -slope(x) / length, atol=1e-10 * size)
 
 
-@pytest.mark.slow
-def test_forces_of_a_phase_have_derivatives(propped):
-    structure, _ = propped
-
-    def moment(load):  # at 0.3 of the span at the end of the first of two phases, N m
-        first = jc.Phase(loads=jc.LineLoads(jnp.array([0.0, 0.0, -1.0]) * load))
-        second = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -LOAD)))
-        solution = jc.solve(structure, [first, second])
-        return jc.section_forces(structure, solution.phases[0], places=[0.3])[0, 0, 4]
-
-    slope = float(traced(jax.grad(moment))(LOAD))
-    expected = -(SPAN**2) * (-1 / 8 + 5 / 8 * 0.3 - 0.3**2 / 2)
-    assert slope == pytest.approx(expected, rel=1e-3)  # of linear theory
-
-
 def test_what_is_refused(propped):
     structure, solution = propped
     with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure has 2"):
@@ -152,19 +134,3 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
     assert high[1] / high[0] == pytest.approx(2.0, rel=1e-2)
     assert numbers == pytest.approx([LOAD * SPAN**2 / 8, LOAD * SPAN**2 / 4], rel=1e-3)
     assert figure.legends[0].get_texts()[0].get_text() == "My (N m)"
-
-
-@pytest.mark.slow
-def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
-    """Positions, forces and loads of the stayed bridge after two of its stages."""
-    structure, phases = scenes.cable_stayed_bridge()
-    solution = converged(jc.solve(structure, phases))
-    shown = Snapshots(solution, structure).state_to_draw(None, 2)
-    end = solution.phases[2]
-    assert int(shown.phase) == 2 and float(shown.load_factor) == 1.0
-    for name in ("positions", "load", "reactions"):
-        np.testing.assert_array_equal(getattr(shown, name), getattr(end, name))
-    moved = np.asarray(end.positions) - np.asarray(structure.nodes)
-    np.testing.assert_allclose(shown.displacement, moved, atol=1e-12)  # of 60 m
-    figure = jc.plots.net(solution, phase=2, structure=structure)
-    assert figure.axes[-2].get_title() == "After phase 3 of 7"

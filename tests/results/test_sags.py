@@ -35,8 +35,8 @@ PHASES = [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=jc.LineLoads(tuple(WIN
 NEAR = 1e-9  # m, of lengths up to 1300 m; 3e-13 is measured
 
 
-def spans(weight=WEIGHT):
-    cables = jc.Catenaries(LINKS, axial_stiffness=EA, weight=weight, rest_length=LENGTH)
+def spans():
+    cables = jc.Catenaries(LINKS, axial_stiffness=EA, weight=WEIGHT, rest_length=LENGTH)
     return jc.Structure(ENDS.reshape(-1, 3), cables, supports=jc.pinned(range(2 * COUNT)))
 
 
@@ -107,33 +107,6 @@ def test_end_tensions_of_a_middle_phase_are_those_of_an_analysis_that_ends_there
             np.testing.assert_allclose(found[k], oracle(phase, k).ends, rtol=1e-11)
 
 
-@pytest.mark.slow
-def test_batches_and_vmap_give_the_cases():
-    structure = spans()
-
-    def case(factor):
-        wind = jc.LineLoads(factor * jnp.array(WIND))
-        return jc.solve(structure, [PHASES[0], jc.Phase(loads=wind)])
-
-    factors = jnp.array([0.5, 1.0])
-    batch = jax.vmap(case)(factors)
-    assert (np.asarray(batch.status) == 0).all()
-    one = solved()
-    for state, single in ((batch, one), (batch.last, one.last), (batch.phases[1], one.phases[1])):
-        sag, alone = results.sags(structure, state), results.sags(structure, single)
-        assert sag.midspan.shape == (2, COUNT) and sag.lowest.shape == (2, COUNT, 3)
-        # two programs of the same analysis
-        np.testing.assert_allclose(sag.midspan[1], alone.midspan, rtol=1e-10)
-        ends = jc.forms.end_tensions(structure, state)
-        np.testing.assert_allclose(ends[1], jc.forms.end_tensions(structure, single), rtol=1e-10)
-    clear = results.clearance_to_plane(structure, batch, (0.0, 0.0, -500.0))
-    inside = traced(
-        jax.vmap(lambda f: results.clearance_to_plane(structure, case(f), (0.0, 0.0, -500.0)).least)
-    )(factors)
-    np.testing.assert_allclose(clear.least, inside, rtol=1e-10)
-    assert np.asarray(clear.element).tolist() == [4, 4]
-
-
 # --- chains
 
 
@@ -153,8 +126,8 @@ def hung_chain(force):
     return structure, solution
 
 
-def chain_points(structure, solution, n=20_001):
-    curves = np.asarray(jc.forms.catenary_curves(structure, solution, n)["cables"])
+def chain_points(structure, solution):
+    curves = np.asarray(jc.forms.catenary_curves(structure, solution, 20_001)["cables"])
     bar = np.asarray(solution.positions)[[2, 3]]
     return np.concatenate([curves[0], curves[1][::-1], np.linspace(*bar, 11)])
 
