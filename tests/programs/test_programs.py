@@ -14,6 +14,7 @@ from jax import lax
 
 import jaxcable as jc
 from jaxcable.analysis import phase_loop
+from jaxcable.common import jax_internals as internals
 from jaxcable.common import status
 from jaxcable.programs import decision, known
 from jaxcable.programs.program import Program
@@ -181,6 +182,7 @@ def programs():
 @pytest.fixture
 def _no_programs():
     repeat.known.clear()
+    internals.quick_compile_options()  # compiles a program, once in a process, to see that it can
 
 
 @pytest.mark.usefixtures("_no_programs")
