@@ -23,7 +23,7 @@ from distributed import KilledWorker, get_worker
 
 from .cases import Block, Cases
 from .errors import ClusterLostError
-from .running import Ended, Stop, as_ended
+from .submission import Ended, Stop, as_ended
 from .task import ChunkTask, summarize_error
 
 _LARGE_CASES = 1 << 20  # bytes of stated cases that no worker needs all of

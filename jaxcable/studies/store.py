@@ -29,7 +29,7 @@ COMPLETED, CAUSE, STATUS = "completed", "cause", "status"
 DESCRIPTION = "jaxcable_study"
 
 Arrays: TypeAlias = dict[str, dict[str, Any]]
-"""What `zarr.Group.create_array` gets for each array of a store, by name."""
+"""What ``zarr.Group.create_array`` gets for each array of a store, by name."""
 
 _TEXTS = np.dtypes.StringDType()
 _UNITS = {  # of results of an analysis, where a study does not state others
@@ -230,6 +230,7 @@ def create_store(
         about: what is computed, the attribute `DESCRIPTION`.
     """
     import zarr
+    from zarr.codecs import ZstdCodec
 
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}-{secrets.token_hex(8)}.part")
@@ -240,7 +241,7 @@ def create_store(
     }
     try:
         root = zarr.create_group(part, zarr_format=3, attributes=attributes)
-        compressors = [zarr.codecs.ZstdCodec(level=1, checksum=True)]
+        compressors = [ZstdCodec(level=1, checksum=True)]
         for name, array in arrays.items():
             root.create_array(name, compressors=compressors, **array)
         for name, (dims, values) in coordinates.items():

@@ -198,7 +198,7 @@ def study(
     }
     _require_no_file_above(path)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        coordinates = cases.coordinates | {
+        coordinates = dict(cases.coordinates) | {
             name: ((name,), values) for name, values in named.items()
         }
         create_store(path, arrays, coordinates, units, about)

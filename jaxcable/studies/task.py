@@ -213,6 +213,6 @@ class ChunkTask:
                 known = int(code) in status.NAMES
                 text = status.describe(int(code)) if known else f"status {code}"
                 causes[results[STATUS] == code] = text
-        for number, error in errors.items():
-            causes[number] = summarize_error(error)
+        for number, raised in errors.items():
+            causes[number] = summarize_error(raised)
         return results, causes
