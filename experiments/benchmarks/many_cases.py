@@ -16,6 +16,7 @@ network.
 """
 
 import contextlib
+import dataclasses
 import os
 import signal
 import subprocess
@@ -164,22 +165,19 @@ def overhead(record, folder, n_chunk):
     record(f"memory of a worker: {before:.0f} MB, and after {n_chunk} more chunks {after:.0f} MB")
 
 
+@dataclasses.dataclass
 class SleepingTask:
     """Stands for the task of a chunk: sleeps in place of computing, and writes nothing."""
 
-    cases = "none are sent"
+    seconds: float
+    settings: object
+    cases: object = "none are sent"
 
-    def __init__(self, seconds):
-        self.seconds = seconds
-
-    def require_same_study(self, block):
+    def require_same_study(self):
         pass
 
     def __call__(self, k, block=None):
-        from jaxcable.studies.task import Done
-
         time.sleep(self.seconds)
-        return Done(k, 1, 0, (self.seconds, 0.0))
 
 
 def many_cores(record, folder, n_thread, seconds):
@@ -210,6 +208,7 @@ def scheduler_alone(record, n_thread, seconds, delay):
     import cloudpickle
     from distributed import Client, LocalCluster
 
+    import jaxcable as jc
     from jaxcable.studies.dask_cluster import compute_on_cluster
     from jaxcable.studies.task import Settings
 
@@ -222,16 +221,15 @@ def scheduler_alone(record, n_thread, seconds, delay):
         delaying_workers(scheduler.scheduler_address, 2, n_thread, delay),
     ):
         client.wait_for_workers(2, timeout=60)
-        settings = Settings.of_this_process(None)
+        task = SleepingTask(seconds, Settings.of_this_process(None))
+        drawn = jc.studies.samples(np.asarray, count)
 
-        def run(name, numbers):
-            task = SleepingTask(seconds)
-            never = (lambda: False, settings, name, 60.0)
-            return list(compute_on_cluster(client, task, None, numbers, *never))
+        def run(numbers):
+            return list(compute_on_cluster(client, task, drawn, numbers, lambda: False, 60.0))
 
-        run("wake", range(2 * n_thread))
-        took, done = seconds_of(run, "sleep", range(count))
-    assert sorted(one.k for one in done) == list(range(count))  # errors are pairs
+        run(range(2 * n_thread))
+        took, done = seconds_of(run, range(count))
+    assert sorted(done) == [(k, None) for k in range(count)]  # no errors
     busy, rate = 100 * rounds * seconds / took, count / took
     text = f"{1e3 * delay:2.0f} ms each way, chunks of {seconds:.1f} s"
     record(f"  {text}: busy {busy:.0f} %, {rate:.0f} chunks a second")

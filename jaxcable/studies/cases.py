@@ -6,11 +6,11 @@ last dimension first. What a case is, the argument of the function, follows from
 
 from __future__ import annotations
 
-import abc
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -29,12 +29,15 @@ _N_PROBED = 16  # cases that are computed to tell one drawing function from anot
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Cases(abc.ABC):
+class Cases:
     """Cases along named dimensions; made by `product`, `table` and `samples`.
 
     Attributes:
         dims: names of the dimensions.
         shape: number of cases along each of them.
+        draw: function from numbers of cases, [n], to these cases, a pytree of arrays [n, ...].
+        coordinates: what is known of all cases: pairs (names of dimensions, values), by name.
+        stated: arrays that make all cases, a pytree; None if a user's function draws them.
 
     Example:
         The cases with numbers 1 and 5, as the function of a study gets them:
@@ -47,100 +50,49 @@ class Cases(abc.ABC):
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
+    draw: Callable[[Numbers], Block]
+    coordinates: Mapping[str, tuple[tuple[str, ...], np.ndarray]]
+    stated: PyTree[np.ndarray] | None
 
     @property
     def n_case(self) -> int:
         """Number of all cases."""
         return math.prod(self.shape)
 
-    @abc.abstractmethod
     def block(self, numbers: Numbers) -> Block:
         """Return the cases with these numbers, a pytree of arrays [n, ...]."""
-
-    @abc.abstractmethod
-    def coordinates(self) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-        """Return what is known of all cases: pairs (names of dimensions, values), by name."""
-
-    @abc.abstractmethod
-    def digests(self) -> dict[str, str | None]:
-        """Return texts that differ if the cases do, by name."""
-
-    def for_workers(self) -> Cases | None:
-        """Return what a worker needs to make its cases itself; None if they are sent to it."""
-        return self
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Product(Cases):
-    """All combinations of values along several dimensions, `values` by name of the dimension."""
-
-    values: dict[str, np.ndarray]
-
-    def block(self, numbers):
-        where = np.unravel_index(numbers, self.shape)
-        return {name: self.values[name][k] for name, k in zip(self.dims, where, strict=True)}
-
-    def coordinates(self):
-        return {name: ((name,), value) for name, value in self.values.items() if value.ndim == 1}
-
-    def digests(self):
-        return {"cases": digest.of_arrays(self.values), "cases_function": None}
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Table(Cases):
-    """Rows of arrays with one common leading axis; `labels` are texts [n_case], or None."""
-
-    rows: PyTree[np.ndarray]
-    labels: np.ndarray | None
-
-    def block(self, numbers):
-        return jax.tree.map(lambda leaf: leaf[numbers], self.rows)
-
-    def coordinates(self):
-        (dim,) = self.dims
-        known = {} if self.labels is None else {dim: self.labels}
-        if isinstance(self.rows, dict):
-            known |= {
-                name: value
-                for name, value in self.rows.items()
-                if isinstance(value, np.ndarray) and value.ndim == 1
-            }
-        return {name: ((dim,), value) for name, value in known.items()}
-
-    def digests(self):
-        labels = () if self.labels is None else (digest_of_values(self.labels),)
-        return {"cases": "-".join((digest.of_arrays(self.rows), *labels)), "cases_function": None}
-
-    def for_workers(self):
-        return None
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Samples(Cases):
-    """Cases that the function `draw` makes from their numbers."""
-
-    draw: Callable[[Numbers], Block]
-
-    def block(self, numbers):
         drawn = jax.tree.map(np.asarray, self.draw(numbers))
-        if axis_lengths(drawn) != {len(numbers)}:
+        if _axis_lengths(drawn) != {len(numbers)}:
             raise ValueError(
                 f"draw: expected arrays [{len(numbers)}, ...] for {len(numbers)} numbers, got "
                 f"{[leaf.shape for leaf in jax.tree.leaves(drawn)]}"
             )
         return drawn
 
-    def coordinates(self):
-        return {}
-
-    def digests(self):
+    def digest(self) -> str:
+        """Return a digest of the arrays that are stated, or of sixteen cases that are drawn."""
+        if self.stated is not None:
+            return digest.of_arrays(self.stated)
         few = min(self.n_case, _N_PROBED)
-        numbers = np.unique(np.linspace(0, self.n_case - 1, few).astype(int))
-        known = digest.of_arrays(self.block(numbers))
-        all_known = self.n_case <= _N_PROBED
-        made_by = None if all_known else digest.of_host_function(self.draw)
-        return {"cases": known, "cases_function": made_by}
+        return digest.of_arrays(
+            self.block(np.unique(np.linspace(0, self.n_case - 1, few).astype(int)))
+        )
+
+    def digest_of_code(self) -> str | None:
+        """Return a digest of the function that draws the cases; None if `digest` covers all."""
+        covered = self.stated is not None or self.n_case <= _N_PROBED
+        return None if covered else digest.of_host_function(self.draw)
+
+
+def _combination(values, shape, numbers):
+    """Return the combinations of `values`, arrays by name, with these numbers."""
+    places = np.unravel_index(numbers, shape)
+    return {name: value[k] for (name, value), k in zip(values.items(), places, strict=True)}
+
+
+def _rows(rows, numbers):
+    """Return the rows of all arrays of a pytree that have these numbers."""
+    return jax.tree.map(lambda leaf: leaf[numbers], rows)
 
 
 def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike) -> Cases:
@@ -169,8 +121,11 @@ def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike)
         require_name(name, "product")
         if value.ndim == 0 or not len(value):
             raise ValueError(f"product: {name} has shape {value.shape}, expected values [n, ...]")
-        _require_numbers(value, f"product: {name}")
-    return _Product(tuple(given), tuple(map(len, given.values())), given)
+        require_numbers(value, f"product: {name}")
+    shape = tuple(map(len, given.values()))
+    named = {name: ((name,), value) for name, value in given.items() if value.ndim == 1}
+    draw = functools.partial(_combination, given, shape)
+    return Cases(tuple(given), shape, draw, named, given)
 
 
 def table(
@@ -201,22 +156,32 @@ def table(
     if callable(rows):
         raise ValueError("cases: got a function; give studies.samples(function, n_case)")
     rows = _as_arrays(rows)
-    counts = axis_lengths(rows)
+    counts = _axis_lengths(rows)
     count = counts.pop() if len(counts) == 1 else None
     if not count:
         raise ValueError("cases: expected arrays with one common leading axis, [n_case, ...]")
     for path, leaf in jax.tree_util.tree_leaves_with_path(rows):
-        _require_numbers(leaf, f"cases{jax.tree_util.keystr(path)}")
-    for name in rows if isinstance(rows, dict) else ():
+        require_numbers(leaf, f"cases{jax.tree_util.keystr(path)}")
+    named = rows if isinstance(rows, dict) else {}
+    for name in named:
         require_name(name, "cases")
-    if labels is not None and len(labels) != count:
-        raise ValueError(f"labels: {len(labels)} labels for {count} cases")
-    if labels is not None and len({*map(str, labels)}) < count:
-        raise ValueError("labels: expected different names, since they select cases")
-    if isinstance(rows, dict) and labels is not None and dim in rows:
-        raise ValueError(f"dim = {dim!r}: is the name of an array in the cases, too")
-    texts = None if labels is None else np.asarray([str(label) for label in labels])
-    return _Table((dim,), (count,), rows, texts)
+    named = {
+        name: value
+        for name, value in named.items()
+        if isinstance(value, np.ndarray) and value.ndim == 1
+    }
+    if labels is not None:
+        texts = np.asarray([str(label) for label in labels])
+        if len(texts) != count:
+            raise ValueError(f"labels: {len(texts)} labels for {count} cases")
+        if len({*texts}) < count:
+            raise ValueError("labels: expected different names, since they select cases")
+        if isinstance(rows, dict) and dim in rows:
+            raise ValueError(f"dim = {dim!r}: is the name of an array in the cases, too")
+        named[dim] = texts
+    coordinates = {name: ((dim,), value) for name, value in named.items()}
+    stated = rows, None if labels is None else texts
+    return Cases((dim,), (count,), functools.partial(_rows, rows), coordinates, stated)
 
 
 def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample") -> Cases:
@@ -247,20 +212,13 @@ def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample
     require_name(dim, "dim")
     if not callable(draw):
         raise ValueError(f"draw: expected a function of numbers of cases, got {draw!r:.60}")
-    return _Samples((dim,), (n_case,), draw)
+    return Cases((dim,), (n_case,), draw, {}, None)
 
 
-def require_name(name: object, argument: str) -> None:
+def require_name(name: Any, argument: str) -> None:
     """Raise ValueError unless `name` can name an array of a store: printable, without slashes."""
-    if (
-        not isinstance(name, str)
-        or not name.isprintable()
-        or not name.strip(".")
-        or "/" in name
-        or "\\" in name
-        or name.startswith("__")
-        or name in RESERVED
-    ):
+    is_text = isinstance(name, str) and name.isprintable() and name.strip(".")
+    if not is_text or {*"/\\"} & {*name} or name.startswith("__") or name in RESERVED:
         raise ValueError(
             f"{argument}: {name!r} cannot be the name of an array; expected a text of printable "
             "characters without slashes that does not begin with two underscores, other than "
@@ -268,15 +226,7 @@ def require_name(name: object, argument: str) -> None:
         )
 
 
-def digest_of_values(values: np.ndarray) -> str:
-    """Return a digest of an array of numbers, truth values or texts; ValueError for others."""
-    if values.dtype.kind == "U":
-        return digest.of_arrays(np.frombuffer("\0".join(values.tolist()).encode(), np.uint8))
-    _require_numbers(values, "coords")
-    return digest.of_arrays(values)
-
-
-def axis_lengths(tree: PyTree[np.ndarray]) -> set[int | None]:
+def _axis_lengths(tree):
     """Return the set of lengths of the leading axes of all arrays; None for one without axes."""
     return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(tree)}
 
@@ -292,7 +242,7 @@ def _as_arrays(rows):
     return jax.tree.map(np.asarray, rows, is_leaf=is_list_of_numbers)
 
 
-def _require_numbers(values, name):
+def require_numbers(values: np.ndarray, name: str) -> None:
     """Raise ValueError unless an array has numbers or truth values, which a function can get."""
     if values.dtype.kind not in "biufc":
         raise ValueError(

@@ -1,38 +1,35 @@
 """Compute chunks of a study on the workers of a Dask cluster.
 
-A plugin brings the function of the study to every worker, also to those that join later or are
-started again: a task is then no more than the number of its chunk. Chunks whose workers have died
-several times are tried once more when all others are done.
+The study is a task of its own, whose result all chunks need: Dask brings it once to every worker,
+also to those that join later, and computes it again where the workers that had it have died. Chunks
+whose workers have died several times are tried once more, alone, when all others are done: it shows
+which of them have killed their workers.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import itertools
+import dataclasses
+import functools
 import pickle
-import queue
 import threading
-import time
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import cloudpickle
+import dask
 import jax
-from distributed import KilledWorker, WorkerPlugin, get_worker
+from distributed import KilledWorker, get_worker
 
 from .cases import Block, Cases
 from .errors import ClusterLostError
-from .task import ChunkTask, Done, Settings, summarize_error
-from .threads import SECONDS_TO_STOP, Outcome, Stop, outcome_of
+from .submission import Ended, Stop, as_ended
+from .task import ChunkTask, summarize_error
 
-_MOST_SUBMITTED = 20_000  # chunks that the scheduler knows of at a time, some kilobytes each
-_MOST_BYTES = 1 << 28  # of cases that are sent with the chunks submitted at a time
-_SECONDS_TO_FETCH = 10.0  # some bytes from a worker, which may have died
-_SECONDS_WITHOUT_NEWS = 30.0  # after which the scheduler is asked whether it is there
+_LARGE_CASES = 1 << 20  # bytes of stated cases that no worker needs all of
+_CHUNKS_OF_THREAD = 4  # submitted for each thread of a worker, so that none waits for the next one
 _SECONDS_TO_ANSWER = 30.0
 _MOST_KILLED = 20  # chunks whose workers have died: then it is an error of all of them
-_AGAIN = "-again"  # end of the key of a chunk whose workers have died
 
 _LOST = (
     "the scheduler of the cluster is gone, or has been told to cancel tasks; chunks that were "
@@ -46,11 +43,9 @@ def compute_on_cluster(
     cases: Cases,
     numbers: Sequence[int],
     stop: Stop,
-    settings: Settings,
-    name: str,
     patience: float,
-) -> Generator[Outcome]:
-    """Compute chunks on the workers of a cluster, and yield what has become of each.
+) -> Ended:
+    """Compute chunks on the workers of a cluster; yield each when it has ended.
 
     Args:
         client: `distributed.Client`.
@@ -58,72 +53,52 @@ def compute_on_cluster(
         cases: all cases; those of a chunk are sent with it if workers cannot make them.
         numbers: numbers of chunks.
         stop: tells whether to begin no further chunk.
-        settings: of jax, for workers.
-        name: prefix of the names of tasks; another study has another one.
         patience: seconds to wait while there is no worker.
 
     Raises:
         ClusterLostError: the scheduler is gone, or no worker comes.
     """
-    waiting, known = iter(numbers), {}
-    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    killed: list[tuple[int, Exception]] = []  # chunks whose workers have died, several times
-    lost: list[Any] = []  # futures whose results died with their workers; Dask computes them again
-    n_bytes = 0 if task.cases is not None else _bytes_of_chunk(cases, task)
+    if sum(leaf.nbytes for leaf in jax.tree.leaves(cases.stated)) > _LARGE_CASES:
+        task = dataclasses.replace(task, cases=None)
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1 << 60}):
+        content = client.submit(bytes, _as_bytes(task), pure=False)
 
-    def submit(k, again=""):
+    def submit(k):
         block = cases.block(task.grid.numbers(k)) if task.cases is None else None
-        key = f"{name}-chunk-{k}{again}"
-        future = client.submit(compute_chunk, name, k, block, key=key, pure=False)
-        known[key] = k, future
-        future.add_done_callback(ended.put)
+        return client.submit(compute_chunk, content, k, block, pure=False)
 
-    def submit_more():
-        for k in itertools.islice(waiting, max(0, _n_submitted(client, n_bytes) - len(known))):
-            submit(k)
-            if stop():
-                return
+    def n_ahead():
+        try:
+            threads = client.nthreads(callback_timeout=_SECONDS_TO_ANSWER)
+        except Exception:  # of a scheduler that is gone there are many kinds
+            raise ClusterLostError(_LOST) from None
+        return _CHUNKS_OF_THREAD * sum(threads.values())
 
-    watch = _Watch(client, patience)
-    try:
-        client.register_plugin(StudyPlugin(name, _as_bytes(task), settings))
-        submit_more()
-        while (known or killed) and not stop():
-            if len(killed) >= _MOST_KILLED:
-                yield from killed
-                killed.clear()
-            if not known:  # one alone: which of them has killed the workers?
-                submit(killed.pop(0)[0], again=_AGAIN)
-            try:
-                future = ended.get(timeout=SECONDS_TO_STOP)
-            except queue.Empty:
-                watch.require_cluster()
-                while lost:
-                    ended.put(lost.pop())
-                continue
+    def compute(numbers):
+        for k, future in as_ended(submit, numbers, stop, n_ahead, patience):
             if future.status == "cancelled":
                 raise ClusterLostError(_LOST)
-            k, _ = known[future.key]
-            outcome = _outcome_unless_lost(k, future)
-            if outcome is None:
-                lost.append(future)
-                continue
-            watch.note_news()
-            del known[future.key]
-            if _has_killed(outcome) and not future.key.endswith(_AGAIN):
-                killed.append(outcome)
+            # a result that has died with its worker has no exception: the chunk is in the store
+            yield k, future.exception() if future.status == "error" else None
+
+    killed: list[int] = []
+    try:
+        for k, error in compute(numbers):
+            if isinstance(error, KilledWorker) and len(killed) < _MOST_KILLED:
+                killed.append(k)
             else:
-                yield outcome
-            future.release()
-            submit_more()
+                yield k, error
+        for k in killed:  # one alone: which of them has killed the workers?
+            yield from compute([k])
     finally:
-        _call_within(_SECONDS_TO_ANSWER, _cancel_and_unregister, client, known, name)
+        with contextlib.suppress(Exception):  # of a cluster that is gone
+            content.cancel(force=True)  # and with it all chunks that are not computed
 
 
 def _as_bytes(task):
-    """Return a task as bytes; ValueError if its function cannot be sent."""
-    try:
-        return cloudpickle.dumps(task)
+    """Return a task, with its settings, as bytes; ValueError if its function cannot be sent."""
+    try:  # (a copy, without what was traced here)
+        return pickle.dumps((task.settings, cloudpickle.dumps(dataclasses.replace(task))))
     except Exception as error:  # of objects that cannot be pickled there are many kinds
         raise ValueError(
             "function: it, or what it uses, cannot be sent to the workers of a cluster "
@@ -131,136 +106,29 @@ def _as_bytes(task):
         ) from None
 
 
-class _Watch:
-    """Whether a cluster is still there: asked now and then while there is no news of chunks.
+_making_task, _one_at_a_time = threading.Lock(), threading.Lock()
+
+
+@functools.lru_cache(maxsize=4)
+def _make_task(content):
+    """Return the task of a study from its bytes, after a check that it is the same here."""
+    settings, as_bytes = pickle.loads(content)
+    settings.apply(get_worker().state.nthreads)  # before the task is made: its arrays start jax
+    with jax.enable_x64(settings.x64):
+        task = pickle.loads(as_bytes)
+        task.require_same_study()
+    return task
+
+
+def compute_chunk(content: bytes, k: int, block: Block | None) -> None:
+    """Compute chunk `k` of a study on a worker.
 
     Args:
-        client: `distributed.Client`.
-        patience: seconds that a study waits while the cluster has no workers.
+        content: the study, as bytes.
+        k: number of the chunk.
+        block: its cases, if they are given.
     """
-
-    def __init__(self, client: Any, patience: float):
-        self.client, self.patience = client, patience
-        self.note_news()
-
-    def note_news(self) -> None:
-        """Note that a worker has just been there."""
-        self.last_answer = self.last_worker = time.monotonic()
-
-    def require_cluster(self) -> None:
-        """Raise ClusterLostError if the scheduler is gone, or there was no worker for too long."""
-        if self.client.status in ("closing", "closed"):
-            raise ClusterLostError(_LOST)
-        if time.monotonic() - self.last_answer < min(_SECONDS_WITHOUT_NEWS, self.patience):
-            return
-        workers: list[Any] = []
-        if not _call_within(_SECONDS_TO_ANSWER, lambda: workers.append(self.client.nthreads())):
-            raise ClusterLostError(_LOST)
-        self.last_answer = time.monotonic()
-        if workers[0]:
-            self.last_worker = self.last_answer
-        elif self.last_answer - self.last_worker > self.patience:
-            raise ClusterLostError(
-                f"the cluster has had no worker for {self.patience:.0f} s; chunks that were "
-                "computed are in the store: start workers and call jc.study again, or give a "
-                "longer patience where they wait in a queue"
-            )
-
-
-def _call_within(seconds, function, *arguments):
-    """Call a function that may wait for ever for a cluster; return whether it has ended in time."""
-    ended = threading.Event()
-
-    def call():
-        with contextlib.suppress(Exception):  # of a cluster that is gone
-            function(*arguments)
-            ended.set()
-
-    thread = threading.Thread(target=call, daemon=True)
-    thread.start()
-    thread.join(seconds)
-    return ended.is_set()
-
-
-def _cancel_and_unregister(client, known, name):
-    """Remove all that a cluster still has of a study."""
-    client.cancel([future for _, future in known.values()], force=True)
-    client.unregister_worker_plugin(name)
-
-
-def _outcome_unless_lost(k, future):
-    """Return the outcome of chunk `k`; None if it has to be computed again, or is not known yet."""
-    if future.status == "error":
-        return outcome_of(k, future)
-    if future.status != "finished":
-        return None
-    try:
-        return future.result(_SECONDS_TO_FETCH)
-    except (TimeoutError, OSError):  # its worker, or the scheduler, has died
-        return None
-    except asyncio.CancelledError:
-        raise ClusterLostError(_LOST) from None
-    except Exception as error:  # an outcome that cannot be read is one of this chunk: it is told
-        return k, error
-
-
-def _has_killed(outcome):
-    """Tell whether the workers that have computed a chunk have died."""
-    return not isinstance(outcome, Done) and isinstance(outcome[1], KilledWorker)
-
-
-def _bytes_of_chunk(cases, task):
-    """Return the bytes of the cases of a chunk, which are sent with it."""
-    return sum(leaf.nbytes for leaf in jax.tree.leaves(cases.block(task.grid.numbers(0))))
-
-
-def _n_submitted(client, n_bytes):
-    """Return how many chunks to submit at a time, so that no worker waits for the next one.
-
-    `n_bytes` are sent with each.
-    """
-    if n_bytes == 0:
-        return _MOST_SUBMITTED
-    fitting = max(1, _MOST_BYTES // n_bytes)
-    return min(_MOST_SUBMITTED, max(fitting, 2 * sum(client.nthreads().values())))
-
-
-class StudyPlugin(WorkerPlugin):
-    """What every worker gets of a study, when it starts or when the study begins.
-
-    Args:
-        name: of the study.
-        content: its `ChunkTask`, as bytes.
-        settings: of jax.
-    """
-
-    def __init__(self, name: str, content: bytes, settings: Settings):
-        self.name, self.content, self.settings = name, content, settings
-        self.task: ChunkTask | None = None
-
-    def setup(self, worker: Any) -> None:
-        """Prepare for the tasks that follow."""
-        self.n_thread = worker.state.nthreads
-        self.lock = threading.Lock()
-
-    def compute(self, k: int, block: Block | None) -> Done:
-        """Compute a chunk; the first call makes the function, and checks that it is the same."""
-        with self.lock:
-            if self.task is None:
-                self.settings.apply(self.n_thread)  # before the task is made: its arrays start jax
-                with jax.enable_x64(self.settings.x64):
-                    task = pickle.loads(self.content)
-                    task.require_same_study(block)
-                self.task = task
-            task = self.task
-        with contextlib.nullcontext() if self.settings.fused else _one_at_a_time:
-            return task(k, block)
-
-
-_one_at_a_time = threading.Lock()
-
-
-def compute_chunk(name: str, k: int, block: Block | None) -> Done:
-    """Compute chunk `k` of a study on a worker; its cases are `block` if they are given."""
-    plugin: Any = get_worker().plugins[name]
-    return plugin.compute(k, block)
+    with _making_task:
+        task = _make_task(content)
+    with contextlib.nullcontext() if task.settings.fused else _one_at_a_time:
+        task(k, block)

@@ -37,21 +37,17 @@ class ChunkGrid:
         """Number of cases of a whole chunk."""
         return math.prod(self.chunks)
 
-    def index(self, k: int) -> tuple[int, ...]:
-        """Return the place of chunk `k` along each dimension."""
-        return tuple(int(i) for i in np.unravel_index(k, self.counts))
-
     def slices(self, k: int) -> tuple[slice, ...]:
         """Return the range of cases of chunk `k` along each dimension."""
+        place = map(int, np.unravel_index(k, self.counts))
         return tuple(
             slice(i * size, min((i + 1) * size, n))
-            for i, size, n in zip(self.index(k), self.chunks, self.shape, strict=True)
+            for i, size, n in zip(place, self.chunks, self.shape, strict=True)
         )
 
     def numbers(self, k: int) -> Int[np.ndarray, " n"]:
         """Return the numbers of the cases of chunk `k`, [n], the last dimension counting first."""
-        axes = np.meshgrid(*(np.arange(s.start, s.stop) for s in self.slices(k)), indexing="ij")
-        return np.ravel_multi_index([axis.ravel() for axis in axes], self.shape)
+        return np.ravel_multi_index(np.ogrid[self.slices(k)], self.shape).ravel()
 
 
 def divide(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
@@ -61,9 +57,8 @@ def divide(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
     >>> divide((40, 25, 7), 1000).chunks
     (5, 25, 7)
     """
-    sizes, left = [], chunk
+    sizes: list[int] = []
     for n in reversed(shape):
-        size = min(n, max(left, 1))
-        sizes.append(size)
-        left //= size
-    return ChunkGrid(shape, tuple(reversed(sizes)))
+        sizes.insert(0, min(n, max(chunk, 1)))
+        chunk //= sizes[0]
+    return ChunkGrid(shape, tuple(sizes))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import secrets
 import signal
 import threading
 import time
@@ -13,9 +12,9 @@ from typing import Any, NamedTuple
 from ..common.progress import as_listener
 from .cases import Cases
 from .errors import StudyError
-from .store import ResultStore
-from .task import ChunkTask, Done, Settings, summarize_error
-from .threads import compute_in_threads
+from .store import CAUSE, ResultStore
+from .submission import compute_in_threads
+from .task import ChunkTask, summarize_error
 
 _MOST_FAILURES = 20  # chunks that may fail before the study is given up
 
@@ -61,7 +60,6 @@ def compute_missing(
     task: ChunkTask,
     cases: Cases,
     client: Any,
-    settings: Settings,
     progress: bool | Callable[[Any], object] | None,
     patience: float,
 ) -> None:
@@ -72,74 +70,67 @@ def compute_missing(
         KeyboardInterrupt, SystemExit: the process has got a signal.
     """
     missing, listen = store.missing(), as_listener(progress)
-    if not missing:
-        return
-    failures: dict[int, Exception] = {}
+    n_before, begin = store.grid.n_chunk - len(missing), time.monotonic()
     n_done = n_case = n_failed = 0
-    begin = time.monotonic()
+    failures: dict[int, Exception] = {}
     with _note_signals() as signals:
 
         def stop():
             return bool(signals) or len(failures) >= _MOST_FAILURES
 
-        if client is None:
-            outcomes = compute_in_threads(task, missing, stop)
+        if client is None or not missing:
+            ended = compute_in_threads(task, missing, stop)
         else:
             from .dask_cluster import compute_on_cluster
 
-            name = f"jaxcable-{store.digest}-{secrets.token_hex(4)}"
-            outcomes = compute_on_cluster(
-                client, task, cases, missing, stop, settings, name, patience
-            )
-        with contextlib.closing(outcomes):
-            for outcome in outcomes:
-                if not isinstance(outcome, Done):
-                    failures.update([outcome])
-                    continue
-                n_done, n_case = n_done + 1, n_case + outcome.n_case
-                n_failed += outcome.n_failed
-                if listen is not None:
-                    rate = n_case / max(time.monotonic() - begin, 1e-9)
-                    left = (len(missing) - n_done) * task.grid.chunk_size / rate
-                    number = task.grid.n_chunk - len(missing) + n_done
-                    listen(ChunkReport(number, task.grid.n_chunk, n_failed, rate, left))
-    if signals == [signal.SIGINT]:
-        raise KeyboardInterrupt
+            ended = compute_on_cluster(client, task, cases, missing, stop, patience)
+        with contextlib.closing(ended):
+            for k, error in ended:
+                if isinstance(error, Exception):
+                    failures[k] = error
+                elif error is not None:
+                    raise error
+                elif listen is not None:
+                    causes = store.read_chunk(CAUSE, k)
+                    n_failed, n_case = n_failed + int((causes != "").sum()), n_case + causes.size
+                    n_done, took = n_done + 1, max(time.monotonic() - begin, 1e-9)
+                    left = took * (len(missing) - n_done) / n_done
+                    number = n_before + n_done
+                    listen(ChunkReport(number, store.grid.n_chunk, n_failed, n_case / took, left))
     if signals:
-        raise SystemExit(128 + signals[0])
-    if failures:
-        first = next(iter(failures.values()))
-        raise StudyError(_failure_text(store, failures, len(missing) - n_done)) from first
-
-
-def _failure_text(store, failures, n_left):
-    """Return the text of a StudyError: which chunks have failed, why, and what to do."""
-    k, error = next(iter(failures.items()))
-    where = ", ".join(f"{s.start} to {s.stop - 1}" for s in store.grid.slices(k))
-    more = f" ({len(failures)} chunks have failed so)" if len(failures) > 1 else ""
-    return (
-        f"{store.path}: chunk {k} (cases {where}): {summarize_error(error)}{more}; missing "
-        f"chunks: {n_left}; call jc.study again to compute them"
-    )
+        is_from_keyboard = signals[0] == signal.SIGINT
+        raise KeyboardInterrupt if is_from_keyboard else SystemExit(128 + signals[0])
+    for k, error in failures.items():
+        where = ", ".join(f"{s.start} to {s.stop - 1}" for s in store.grid.slices(k))
+        more = f" ({len(failures)} chunks have failed so)" if len(failures) > 1 else ""
+        raise StudyError(
+            f"{store.path}: chunk {k} (cases {where}): {summarize_error(error)}{more}; missing "
+            f"chunks: {len(store.missing())}; call jc.study again to compute them"
+        ) from error
 
 
 @contextlib.contextmanager
 def _note_signals() -> Iterator[list[int]]:
     """Note the first signal to end, instead of obeying it; a second one is obeyed."""
     noted: list[int] = []
-    before: dict[int, Any] = {}
+    in_main = threading.current_thread() is threading.main_thread()
+    handlers = {
+        own: handler
+        for own in (signal.SIGINT, signal.SIGTERM)
+        if in_main and (handler := signal.getsignal(own)) not in (None, signal.SIG_IGN)
+    }  # (None: not set by Python)
+
+    def obey_again():
+        for own, handler in handlers.items():
+            signal.signal(own, handler)
 
     def note(number, _):
         noted.append(number)
-        for own, handler in before.items():
-            signal.signal(own, handler)
+        obey_again()
 
-    if threading.current_thread() is threading.main_thread():
-        for own in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(own) not in (None, signal.SIG_IGN):  # None: not set by Python
-                before[own] = signal.signal(own, note)
+    for own in handlers:
+        signal.signal(own, note)
     try:
         yield noted
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        obey_again()

@@ -13,14 +13,13 @@ import jax
 import numpy as np
 
 from ..common import checks, digest
-from ..common.fusion import are_loops_fused
 from ..common.progress import as_listener
 from ..common.types import Array, ArrayLike, PyTree
-from .cases import Cases, digest_of_values, table
+from .cases import Cases, require_numbers, table
 from .grid import divide
 from .running import compute_missing
-from .store import CAUSE, ResultStore, create_store, describe_variables
-from .task import ChunkTask, Settings, chunk_shapes, versions_in_use
+from .store import CAUSE, ResultStore, create_store, describe_arrays
+from .task import ChunkTask, Settings, shapes_of_chunk
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,24 +175,37 @@ def study(
     _require_package("zarr", "studies", "a study")
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
-    grid = divide(cases.shape, chunk)
-    path = Path(store).absolute()
-    own_cases = cases if client is None else cases.for_workers()
-    task = ChunkTask(function, own_cases, grid, path, settings.x64)
-    first = cases.block(np.array([0]))
+    grid, path = divide(cases.shape, chunk), Path(store).absolute()
+    shapes = shapes_of_chunk(cases.block(np.array([0])), grid)
+    task = ChunkTask(function, cases, grid, shapes, path, settings)
     try:
-        traced = task.trace(first)
+        results = _results_of_one_case(task.traced.result)
     except TypeError as error:
         raise ValueError(f"function: {error}") from error
     named = {name: np.asarray(values) for name, values in _as_dict(coords, "coords").items()}
     units = _as_dict(units, "units")
-    variables = describe_variables(
-        _results_of_one_case(traced.result), cases, _as_dict(dims, "dims"), units, named
-    )
-    about = _describe_study(cases, grid, variables, named)
-    about["function"] = digest.of_function(traced, chunk_shapes(first, grid))
-    opened = _open_or_create(path, cases, variables, about, named, units)
-    compute_missing(opened, task, cases, client, settings, progress, patience)
+    arrays = describe_arrays(results, cases, grid, _as_dict(dims, "dims"), units, named)
+    about = {
+        "shape": list(grid.shape),
+        "chunks": list(grid.chunks),
+        "dims": {name: list(arrays[name]["dimension_names"]) for name in results},
+        "coords": {name: _digest_of_values(values) for name, values in named.items()},
+        "cases": cases.digest(),
+        "cases_function": cases.digest_of_code(),
+        "function": task.digest(),
+        **dict(zip(("jaxcable", "jax", "backend"), settings.versions, strict=True)),
+        "fuse_loops": settings.fused,
+    }
+    _require_no_file_above(path)
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        coordinates = dict(cases.coordinates) | {
+            name: ((name,), values) for name, values in named.items()
+        }
+        create_store(path, arrays, coordinates, units, about)
+    opened = ResultStore(path)
+    _require_same_study(opened, about)
+    opened.set_units(units)
+    compute_missing(opened, task, cases, client, progress, patience)
     return Study(path)
 
 
@@ -211,15 +223,12 @@ def _require_client(client):
     """Raise ValueError unless a client is None, or a connected, synchronous one of Dask."""
     if client is None:
         return
-    if not all(hasattr(client, name) for name in ("submit", "cancel", "nthreads", "asynchronous")):
+    state = getattr(client, "status", type(client).__name__)
+    if state != "running" or client.asynchronous:
         raise ValueError(
-            "client: expected None, or a distributed.Client "
-            f'(pip install "jaxcable[cluster]"), got {type(client).__name__}'
+            "client: expected None, or a distributed.Client that is connected and not asynchronous "
+            f'(pip install "jaxcable[cluster]"), got {state!r}'
         )
-    if client.asynchronous:
-        raise ValueError("client: is asynchronous; expected Client(..., asynchronous=False)")
-    if client.status != "running":
-        raise ValueError(f"client: is {client.status}, expected one that is connected to a cluster")
 
 
 def _as_dict(stated, argument):
@@ -231,35 +240,23 @@ def _as_dict(stated, argument):
 
 def _results_of_one_case(results):
     """Return shape and dtype of the results of one case by name, from those of a chunk of cases."""
-    if not isinstance(results, dict):
-        raise ValueError(
-            f"function: expected a dict of arrays by name, got {type(results).__name__}"
-        )
-    if not results:
-        raise ValueError("function: expected a dict of arrays by name, got an empty one")
+    if not isinstance(results, dict) or not results:
+        got = "an empty one" if results == {} else type(results).__name__
+        raise ValueError(f"function: expected a dict of arrays by name, got {got}")
     for name, value in results.items():
-        if not isinstance(value, jax.ShapeDtypeStruct):
-            raise ValueError(f"function: the result {name!r} is a {type(value).__name__}, no array")
-        if getattr(value.dtype, "kind", "V") not in "biufc":
-            raise ValueError(f"function: the result {name!r} is of {value.dtype}, expected numbers")
+        kind = getattr(value, "dtype", f"a {type(value).__name__}, no array")
+        if getattr(kind, "kind", "V") not in "biufc":
+            raise ValueError(f"function: the result {name!r} is {kind}; expected numbers")
     return {
         name: jax.ShapeDtypeStruct(value.shape[1:], value.dtype) for name, value in results.items()
     }
 
 
-def _describe_study(cases, grid, variables, coords):
-    """Return what a study computes, as a dict of texts, numbers and lists."""
-    return {
-        "shape": list(grid.shape),
-        "chunks": list(grid.chunks),
-        "dims": {"cases": list(cases.dims)}
-        | {name: list(variable.dims) for name, variable in variables.items()},
-        "coords": {name: digest_of_values(values) for name, values in coords.items()},
-        "results": list(variables),
-        **cases.digests(),
-        **dict(zip(("jaxcable", "jax", "backend"), versions_in_use(), strict=True)),
-        "fuse_loops": are_loops_fused(),
-    }
+def _digest_of_values(values):
+    """Return a digest of an array of numbers or texts; ValueError for others."""
+    if values.dtype.kind != "U":
+        require_numbers(values, "coords")
+    return digest.of_arrays(values)
 
 
 _HINTS = {
@@ -270,14 +267,15 @@ _HINTS = {
 }
 
 
-def _open_or_create(path, cases, variables, about, coords, units):
-    """Open a store, or create it; ValueError if it is of another study."""
+def _require_no_file_above(path):
+    """Raise ValueError if a store cannot be made, because there is a file in place of a folder."""
     for above in path.parents:
         if above.exists() and not above.is_dir():
             raise ValueError(f"store: {path}: {above} is a file, not a folder")
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        create_store(path, cases, variables, about, coords, units)
-    opened = ResultStore(path)
+
+
+def _require_same_study(opened, about):
+    """Raise ValueError if a store is of another study than `about` says."""
     other = [
         f"{key} = {opened.about.get(key)}, not {value}"
         + (f" ({_HINTS[key]})" if key in _HINTS else "")
@@ -286,8 +284,6 @@ def _open_or_create(path, cases, variables, about, coords, units):
     ]
     if other:
         raise ValueError(
-            f"store: {path} holds a study with {'; '.join(other)}; take another folder, or delete "
-            "this one"
+            f"store: {opened.path} holds a study with {'; '.join(other)}; take another folder, or "
+            "delete this one"
         )
-    opened.set_units(units)
-    return opened

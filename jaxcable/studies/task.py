@@ -1,8 +1,7 @@
 """One chunk of a study as a task: make its cases, compute them, write their results.
 
-A task does the same in a thread of this process and on a worker of a cluster. There it is sent as
-bytes, which are made to an object again once; the settings of jax are those of the process that has
-begun the study.
+A task does the same in a thread of this process and on a worker of a cluster, which gets it as
+bytes, and with it the settings of jax in the process that has begun the study.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import dataclasses
 import functools
 import os
 import re
-import time
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
@@ -29,7 +27,7 @@ from ..common.types import PyTree
 from ..programs.traced_function import TracedFunction, evaluate_traced, trace_function
 from .cases import Block, Cases
 from .grid import ChunkGrid
-from .store import CAUSE, STATUS, ResultStore, fill_value
+from .store import STATUS, ResultStore, fill_value
 
 _CHUNK_IN_CACHE = 256  # cases: their data stay in cache
 _LONGEST_CAUSE = 1000  # characters
@@ -55,14 +53,12 @@ class Settings:
     @classmethod
     def of_this_process(cls, programs: str | os.PathLike[str] | None) -> Settings:
         """Return the settings of this process; `programs` is another folder, or None."""
-        folder = (
-            kept_programs_folder() if programs is None else Path(programs).expanduser().absolute()
-        )
+        folder = Path(programs).expanduser().absolute() if programs else kept_programs_folder()
         return cls(
             jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
             are_loops_fused(),
             None if folder is None else str(folder),
-            versions_in_use(),
+            (package_version("jaxcable"), jax.__version__, jax.default_backend()),
         )
 
     def apply(self, n_thread: int) -> None:
@@ -74,30 +70,22 @@ class Settings:
                 disturb each other.
 
         Raises:
-            RuntimeError: jax has already computed with loops fused or not, unlike here; other
+                RuntimeError: jax has already computed with loops fused or not, unlike here; other
                 versions, or another backend.
         """
         if self.fused and not are_loops_fused():
             request_fused_loops()
         if self.fused and not has_xla_started():
             os.environ["NPROC"] = str(n_thread)  # what XLA asks for the size of its pool
-        if are_loops_fused() != self.fused:
-            raise RuntimeError(
-                "jax has already computed on this worker, with other settings of `fuse_loops` than "
-                "the study has; restart the workers (client.restart())"
-            )
         if self.programs is not None and str(kept_programs_folder()) != self.programs:
             keep_programs(self.programs)
-        if versions_in_use() != self.versions:
+        here = Settings.of_this_process(None)
+        if (here.fused, here.versions) != (self.fused, self.versions):
             raise RuntimeError(
-                f"this worker has {versions_in_use()}, and the study {self.versions} (versions of "
-                "jaxcable and jax, backend)"
+                f"this worker has {here.versions}, `fuse_loops` {here.fused}, and the study "
+                f"{self.versions}, {self.fused} (versions of jaxcable and jax, backend); if they "
+                "are the same, jax has already computed: restart the workers (client.restart())"
             )
-
-
-def versions_in_use() -> tuple[str, str, str]:
-    """Return the versions of jaxcable and jax, and the backend of jax."""
-    return package_version("jaxcable"), jax.__version__, jax.default_backend()
 
 
 def package_version(name: str) -> str:
@@ -108,23 +96,7 @@ def package_version(name: str) -> str:
         return "unknown"
 
 
-@dataclasses.dataclass(frozen=True)
-class Done:
-    """What the process that has begun the study is told of a chunk.
-
-    Attributes:
-        k: number of the chunk.
-        n_case, n_failed: number of its cases, and of those that have failed.
-        seconds: time of computing, and of writing.
-    """
-
-    k: int
-    n_case: int
-    n_failed: int
-    seconds: tuple[float, float]
-
-
-def summarize_error(error: Exception) -> str:
+def summarize_error(error: BaseException) -> str:
     """Return the kind and the text of an exception in one line.
 
     What a function on the host raises is at the end of a traceback in the text of jax's exception.
@@ -135,14 +107,7 @@ def summarize_error(error: Exception) -> str:
     return (last if inner else f"{type(error).__name__}: {first}")[:_LONGEST_CAUSE]
 
 
-def map_over_chunk(
-    function: Callable[[Any], dict[str, Any]], grid: ChunkGrid
-) -> Callable[[Block], dict[str, Any]]:
-    """Return the function of a chunk of cases, for that of one case."""
-    return batched(function, min(_CHUNK_IN_CACHE, grid.chunk_size))
-
-
-def chunk_shapes(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
+def shapes_of_chunk(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
     """Return shapes and dtypes of a chunk of cases, from those of some cases."""
     return jax.tree.map(
         lambda leaf: jax.ShapeDtypeStruct(
@@ -152,137 +117,102 @@ def chunk_shapes(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
     )
 
 
+@dataclasses.dataclass(eq=False)
 class ChunkTask:
     """Function that computes a chunk of a study, and writes its results.
 
-    Args:
+    Attributes:
         function: of one case, to a dict of arrays.
         cases: makes the cases; None if they are given to every call.
         grid: chunks.
+        shapes: of the cases of a whole chunk, as in `shapes_of_chunk`.
         path: folder of the store.
-        x64: whether numbers are in double precision.
+        settings: of jax.
     """
 
-    def __init__(
-        self,
-        function: Callable[[Any], dict[str, Any]],
-        cases: Cases | None,
-        grid: ChunkGrid,
-        path: Path,
-        x64: bool,
-    ):
-        self.function, self.cases, self.grid, self.path = function, cases, grid, path
-        self.x64 = x64
-        self._traced: TracedFunction | None = None
+    function: Callable[[Any], dict[str, Any]]
+    cases: Cases | None
+    grid: ChunkGrid
+    shapes: PyTree[jax.ShapeDtypeStruct]
+    path: Path
+    settings: Settings
 
-    def __reduce__(self):
-        return ChunkTask, (self.function, self.cases, self.grid, self.path, self.x64)
-
-    def trace(self, block: Block) -> TracedFunction:
-        """Return the function of a chunk of cases, traced at the first call, for all chunks.
-
-        It takes no threads beside the calling one.
-        """
-        if self._traced is None:
-            function = map_over_chunk(self.function, self.grid)
-            self._traced = trace_function(function, chunk_shapes(block, self.grid))
-        return self._traced
-
-    def require_same_study(self, block: Block | None) -> None:
-        """Raise RuntimeError if this process has another function, or draws other cases.
-
-        A worker imports functions of modules by their names, and may have other files. What runs on
-        the host is not compared: its digest depends on which script has been started.
-        """
-        about = self._store.about
-        if block is None:
-            block = self.cases.block(np.array([0]))
-            self._require_equal("cases", self.cases.digests()["cases"], about["cases"])
-        traced = self.trace(block)
-        if "callback" not in str(traced.equations.jaxpr):
-            text = digest.of_function(traced, chunk_shapes(block, self.grid))
-            self._require_equal("function", text, about["function"])
-
-    def _require_equal(self, name, here, there):
-        if here != there:
-            raise RuntimeError(
-                f"this worker has another {name} (digest {here}) than the study ({there}): its "
-                "modules are not those of the script; restart the workers (client.restart())"
-            )
+    @functools.cached_property
+    def traced(self) -> TracedFunction:
+        """The function of a chunk of cases, traced once for all chunks, in one thread."""
+        function = batched(self.function, min(_CHUNK_IN_CACHE, self.grid.chunk_size))
+        return trace_function(function, self.shapes)
 
     @functools.cached_property
     def _store(self):
         return ResultStore(self.path)
 
-    def __call__(self, k: int, block: Block | None = None) -> Done:
+    def digest(self) -> str:
+        """Return a digest of what the function computes, with all values that it captures."""
+        return digest.of_function(self.traced, self.shapes)
+
+    def require_same_study(self) -> None:
+        """Raise RuntimeError if this process has another function, or draws other cases.
+
+        A worker imports functions of modules by their names, and may have other files. What runs on
+        the host is not compared: its digest depends on which script has been started.
+        """
+        here = {} if self.cases is None else {"cases": self.cases.digest()}
+        if "callback" not in str(self.traced.equations.jaxpr):
+            here["function"] = self.digest()
+        for name, text in here.items():
+            if text != self._store.about[name]:
+                raise RuntimeError(
+                    f"this worker has another {name} (digest {text}) than the study "
+                    f"({self._store.about[name]}): its modules are not those of the script; "
+                    "restart the workers (client.restart())"
+                )
+
+    def __call__(self, k: int, block: Block | None = None) -> None:
         """Compute chunk `k`, whose cases are `block` if they are given, and write its results."""
-        with jax.enable_x64(self.x64):  # of this thread
-            return self._compute_and_write(k, block)
-
-    def _compute_and_write(self, k, block):
-        begin = time.perf_counter()
-        if self._store.is_complete(k):  # by a worker that has died before it could say so
-            causes = self._store.read_chunk(CAUSE, k).ravel()
-            return Done(k, len(causes), int((causes != "").sum()), (0.0, 0.0))
         if block is None:
+            assert self.cases is not None
             block = self.cases.block(self.grid.numbers(k))
-        results, causes = self._compute_all(block)
-        middle = time.perf_counter()
+        with jax.enable_x64(self.settings.x64):  # of this thread
+            results, causes = self._compute(block)
         self._store.write(k, results, causes)
-        spent = middle - begin, time.perf_counter() - middle
-        return Done(k, len(causes), int((causes != "").sum()), spent)
 
-    def _compute_all(self, block):
+    def _compute(self, block):
         """Return results of all cases of a block, and causes of failure, [n] texts.
 
-        A case for which the function raises an exception has NaN, like one that fails.
+        A block for which the function raises is halved until the cases that do it are alone: they
+        have NaN, like cases that fail. One program serves all: parts are filled up.
         """
+        if jax.tree.flatten(shapes_of_chunk(block, self.grid)) != jax.tree.flatten(self.shapes):
+            here = [str(leaf.dtype) for leaf in jax.tree.leaves(block)]
+            there = [str(leaf.dtype) for leaf in jax.tree.leaves(self.shapes)]
+            raise ValueError(f"cases: these are {here}, and others {there}, or have other shapes")
         count = len(jax.tree.leaves(block)[0])
-        causes = np.full(count, "", object)
-        parts, errors = [], {}
-        for numbers, results in self._compute_without_errors(block, np.arange(count), errors):
-            parts.append((numbers, results))
-        if not parts:
-            raise next(iter(errors.values()))
         results = {
-            name: np.full((count, *value.shape[1:]), fill_value(value.dtype), value.dtype)
-            for name, value in parts[0][1].items()
+            name: np.full((count, *one.shape[1:]), fill_value(one.dtype), one.dtype)
+            for name, one in self.traced.result.items()
         }
-        for numbers, found in parts:
-            for name, value in found.items():
-                results[name][numbers] = value
-        if STATUS in results:
-            for code in np.unique(results[STATUS][[*set(range(count)) - set(errors)]]):
-                if code != status.OK:
-                    known = int(code) in status.NAMES
-                    text = status.describe(int(code)) if known else f"status {code}"
-                    causes[results[STATUS] == code] = text
-        for number, error in errors.items():  # (which have no status)
-            causes[number] = summarize_error(error)
+        parts, errors = [np.arange(count)], {}
+        while parts:
+            part = parts.pop()
+            filled = np.resize(part, self.grid.chunk_size)
+            try:
+                found = evaluate_traced(self.traced, jax.tree.map(lambda x, k=filled: x[k], block))
+                for name, values in found.items():
+                    results[name][part] = np.asarray(values)[: len(part)]
+            except Exception as error:  # whatever a user's function raises
+                if len(part) > 1:
+                    parts += np.array_split(part, 2)[::-1]
+                    continue
+                errors[int(part[0])] = error
+                if len(errors) > min(_MOST_ERRORS, count - 1):
+                    raise next(iter(errors.values())) from None
+        causes = np.full(count, "", object)
+        for code in np.unique(results.get(STATUS, status.OK)):
+            if code != status.OK:
+                known = int(code) in status.NAMES
+                text = status.describe(int(code)) if known else f"status {code}"
+                causes[results[STATUS] == code] = text
+        for number, raised in errors.items():
+            causes[number] = summarize_error(raised)
         return results, causes
-
-    def _compute_without_errors(self, block, numbers, errors):
-        """Yield (numbers, results) of those cases of a block that raise nothing.
-
-        A block for which the function raises is halved until the cases that do it are alone; they
-        go to `errors`, by their number. One program serves all: parts are filled up.
-        """
-        size = self.grid.chunk_size
-        filled = numbers[np.minimum(np.arange(size), len(numbers) - 1)]
-        try:
-            found = evaluate_traced(
-                self.trace(block), jax.tree.map(lambda leaf: leaf[filled], block)
-            )
-            yield (
-                numbers,
-                {name: np.asarray(value)[: len(numbers)] for name, value in found.items()},
-            )
-            return
-        except Exception as error:  # whatever a user's function raises: it becomes the case's cause
-            if len(numbers) == 1:
-                errors[int(numbers[0])] = error
-                if len(errors) > _MOST_ERRORS:
-                    raise
-                return
-        for half in np.array_split(numbers, 2):
-            yield from self._compute_without_errors(block, half, errors)

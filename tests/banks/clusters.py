@@ -22,8 +22,12 @@ import numpy as np
 from distributed import Client, LocalCluster
 
 import jaxcable as jc
+from jaxcable.studies import dask_cluster
 
 jax.config.update("jax_enable_x64", True)
+# on a machine with other work workers start for longer than the seconds after which a cluster of
+# this machine takes a killed one for lost
+dask.config.set({"distributed.deploy.lost-worker-timeout": "300 s"})
 N_CASE, CHUNK = 400, 10
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
 PAUSE = 0.05  # seconds that a chunk takes at least, so that there is time to kill
@@ -83,7 +87,8 @@ def undisturbed(folder):
     run(folder / "local")
     with cluster() as client:
         run(folder / "samples", client)
-        table = jc.studies.table(draw(np.arange(N_CASE)))  # cases are sent to the workers
+        table = jc.studies.table(draw(np.arange(N_CASE)))
+        dask_cluster._LARGE_CASES = 0  # rows are sent with their chunks
         run(folder / "table", client, table)
     found = {name: comparison(folder / name, folder / "local") for name in ("samples", "table")}
     return found
@@ -202,13 +207,7 @@ def other_module(folder):
             jc.study(own_law.function, np.arange(40.0), folder / "b", client, chunk=10)
         except jc.studies.StudyError as error:
             said = str(error)
-        plugins = client.run(lambda dask_worker: [*dask_worker.plugins])
-    own = [name for names in plugins.values() for name in names if name.startswith("jaxcable")]
-    return {
-        "said": said,
-        "missing": jc.studies.Study(folder / "b").missing,
-        "plugins": own,
-    }
+    return {"said": said, "missing": jc.studies.Study(folder / "b").missing}
 
 
 def two_precisions(folder):

@@ -53,7 +53,7 @@ def test_a_case_that_kills_its_workers_is_named_and_all_others_are_there(tmp_pat
 def test_workers_with_other_modules_compute_nothing(tmp_path):
     result = found("other_module", tmp_path)
     assert "this worker has another function" in result["said"]
-    assert result["missing"] == [0, 1, 2, 3] and result["plugins"] == []
+    assert result["missing"] == [0, 1, 2, 3]
 
 
 def test_studies_of_two_precisions_do_not_meet(tmp_path):

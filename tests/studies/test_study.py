@@ -80,46 +80,6 @@ def test_chunks_are_all_cases_once(shape, chunk):
     assert max(map(len, numbers)) == grid.chunk_size <= chunk
 
 
-@pytest.mark.slow
-def test_a_store_says_what_it_holds(tmp_path):
-    cases = jc.studies.table(
-        {"T": [100.0, 200.0, 300.0], "F": FORCES[:3]}, dim="action", labels=["snow", "wind", "ice"]
-    )
-
-    def function(case):
-        load = jc.NodalLoads(LOADING.loads.nodes, case["F"])
-        prestress = jc.replace(PRESTRESS, pretension=case["T"])
-        solution = jc.solve(STRUCTURE, [prestress, jc.Phase(loads=load)])
-        sag = solution.displacement[3, 2]
-        return {"tension": solution.tension, "sag": sag, "status": solution.status}
-
-    study = jc.study(
-        function,
-        cases,
-        tmp_path / "a.zarr",
-        dims={"tension": ["element"]},
-        units={"sag": "m", "T": "N"},
-        coords={"element": [f"cable {k}" for k in range(12)]},
-    )
-    data = study.open()
-    assert data.sag.dims == ("action",) and data.tension.dims == ("action", "element")
-    assert (data.sag.units, data.tension.units, data["T"].units) == ("m", "N", "N")
-    assert data["T"].sel(action="wind") == 200.0 and bool(data.completed.all())
-    alone = jc.solve(
-        STRUCTURE,
-        [
-            jc.replace(PRESTRESS, pretension=200.0),
-            jc.Phase(loads=jc.NodalLoads(LOADING.loads.nodes, FORCES[1])),
-        ],
-    )
-    jc.raise_if_failed(alone)
-    one = data.tension.sel(action="wind", element="cable 7")
-    np.testing.assert_allclose(one, alone.tension[7], rtol=1e-9)  # other orders of sums
-    meanings = dict(zip(data.status.flag_values, data.status.flag_meanings.split(), strict=True))
-    assert meanings[status.MECHANISM] == "mechanism" and len(meanings) == len(status.NAMES)
-    assert data.attrs["Conventions"].startswith("CF-")
-
-
 def test_results_are_masked_and_written_by_xarray(tmp_path):
     """Texts and marks are coordinates: masks and extremes of all results leave them out."""
     x = np.arange(6.0)
@@ -156,7 +116,7 @@ def test_results_of_another_kind_are_refused(tmp_path):
     def draw(numbers):
         return numbers.astype(float if numbers[0] >= 20 else int)
 
-    with pytest.raises(jc.studies.StudyError, match=r"'y' is float64.* and int64.* for others"):
+    with pytest.raises(jc.studies.StudyError, match=r"are \['float64'\], and others \['int64'\]"):
         jc.study(lambda x: {"y": 2 * x}, jc.studies.samples(draw, 40), tmp_path / "a", chunk=10)
     assert jc.studies.Study(tmp_path / "a").missing == [2, 3]
 
@@ -188,50 +148,7 @@ def test_samples_are_drawn_by_their_numbers(tmp_path):
     assert max(map(len, drawn)) == 20  # never all at once
 
 
-@pytest.mark.slow
-def test_gradients_and_jacobians(tmp_path):
-    def deflection(pretension, force):
-        load = jc.Phase(loads=jc.NodalLoads([3], jnp.array([0.0, 0.0, -1.0]) * force))
-        phases = [jc.replace(PRESTRESS, pretension=pretension), load]
-        return jc.solve(STRUCTURE, phases).displacement[3]
-
-    def function(case):
-        point = case["T"], case["F"]
-        return {
-            "slope": jax.grad(lambda *x: deflection(*x)[2])(*point),
-            "jacobian": jnp.stack(jax.jacobian(deflection, argnums=(0, 1))(*point)),
-        }
-
-    cases = jc.studies.product(T=[150.0, 250.0], F=[5.0, 10.0, 15.0])
-    found = jc.study(function, cases, tmp_path / "a", chunk=4).load()
-    step = 1e-3
-    for (i, T), (j, F) in itertools.product(enumerate([150.0, 250.0]), enumerate([5.0, 10.0, 15])):
-        by_differences = (deflection(T + step, F) - deflection(T - step, F)) / (2 * step)
-        # differences of displacements of 1e-2 m, known to 1e-15 m: 1e-12 of slopes of 1e-5
-        np.testing.assert_allclose(found["jacobian"][i, j, 0], by_differences, atol=1e-11)
-        np.testing.assert_allclose(found["slope"][i, j], by_differences[2], atol=1e-11)
-        assert abs(found["slope"][i, j]) > 1e-7
-
-
 # --- failed cases
-
-
-@pytest.mark.slow
-def test_failed_cases_keep_status_and_cause(tmp_path):
-    law = jc.Polygonal([0.0, 0.01], [0.0, 1600e6])  # breaks at its end
-    cables = jc.Cables(STRUCTURE.elements.links, law=law, area=0.6e-6)
-    structure = jc.replace(STRUCTURE, elements=cables)
-
-    def function(case):
-        loads = jc.NodalLoads([3, 4, 7, 8], case["F"] * jnp.array([0.0, 0.0, -1.0]))
-        solution = jc.solve(structure, [PRESTRESS, jc.Phase(loads=loads)])
-        return {"status": solution.status, "tension": solution.tension}
-
-    study = jc.study(function, jc.studies.product(F=[50.0, 400.0, 150.0]), tmp_path / "a")
-    assert study.failures == {1: jc.describe(status.MATERIAL_FAILURE)}
-    data = study.open()
-    assert data.status.values.tolist() == [0, status.MATERIAL_FAILURE, 0]
-    assert np.isnan(data.tension[1]).all() and np.isfinite(data.tension[[0, 2]]).all()
 
 
 def root(x):
@@ -268,6 +185,9 @@ def test_a_case_that_raises_has_no_status(tmp_path):
 
     study = jc.study(function, np.array([1.0, -1.0, 2.0, 3.0]), tmp_path / "a")
     assert study.load("status")["status"].tolist() == [0, -1, 6, 1000]
+    known = study.open().status
+    meanings = dict(zip(known.flag_values, known.flag_meanings.split(), strict=True))
+    assert meanings[status.MECHANISM] == "mechanism" and len(meanings) == len(status.NAMES)
     causes = [jc.describe(status.MATERIAL_FAILURE), "status 1000"]
     assert study.failures == dict(
         zip((1, 2, 3), ["ValueError: no root of -1.0", *causes], strict=True)
@@ -474,7 +394,7 @@ def test_wrong_input_is_refused(tmp_path):
     for said, options in (
         ("chunk", {"chunk": 0}),
         ("patience = nan: expected a positive number", {"patience": float("nan")}),
-        (r"dims\['v'\] = \['a', 'b'\]: expected 1 different names", {"dims": {"v": ["a", "b"]}}),
+        (r"dims\['v'\] = \['a', 'b'\]: .* of 1 different names", {"dims": {"v": ["a", "b"]}}),
         (r"dims\['v'\] = 'a': expected a list", {"dims": {"v": "a"}}),
         ("dims = .*: expected a dict", {"dims": ["a"]}),
         (r"dims\['v'\] = \['F'\].*other than those of dimensions", {"dims": {"v": ["F"]}}),
@@ -492,7 +412,7 @@ def test_wrong_input_is_refused(tmp_path):
     for said, function in (
         ("expected a dict of arrays by name, got tuple", lambda case: (case["F"],)),
         ("got an empty one", lambda case: {}),
-        ("'y' is a dict, no array", lambda case: {"y": {"z": case["F"]}}),
+        ("'y' is a dict, no array; expected numbers", lambda case: {"y": {"z": case["F"]}}),
         ("cannot be the name of an array", lambda case: {"a/b": case["F"]}),
         ("'F' has the name of something else", lambda case: {"F": case["F"]}),
         ("'cause' cannot be the name of an array", lambda case: {"cause": case["F"]}),
@@ -525,7 +445,7 @@ def test_wrong_cases_are_refused():
         refused("cannot be the name of an array", product, {name: [1.0]})
         refused("cannot be the name of an array", table, {name: [1.0]})
     cases = samples(lambda numbers: np.zeros(2), 5)
-    refused(r"draw: expected arrays \[5, ...\]", cases.digests)
+    refused(r"draw: expected arrays \[5, ...\]", cases.digest)
 
 
 @pytest.mark.parametrize("package", ["zarr", "xarray"])

@@ -127,7 +127,7 @@ def test_other_names_and_chunks_are_refused(store):
         ("jaxcable", "jaxcable.studies.task.package_version", lambda name: "9.9"),
         ("jax", "jax.__version__", "9.9"),
         ("backend", "jax.default_backend", lambda: "tpu"),
-        ("fuse_loops", "jaxcable.studies.study.are_loops_fused", lambda: None),
+        ("fuse_loops", "jaxcable.studies.task.are_loops_fused", lambda: None),
     ],
     ids=["version", "version of jax", "backend", "fused loops"],
 )
