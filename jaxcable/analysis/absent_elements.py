@@ -165,8 +165,7 @@ def _warn_of_lost_value(name, label, where, given, present, later):
     for comes, statements in zip(present[1:], later, strict=True):
         for other, stated in statements.items():
             if other == name or other in ABSOLUTE_STATEMENTS:
-                chosen = True if stated.chosen is None else stated.chosen
-                waits = waits & ~(comes & chosen)
+                waits = waits & ~(comes & stated.element_mask())
         lost |= waits & comes
         waits = waits & ~comes
     lost &= True if name in ABSOLUTE_STATEMENTS else nonzero

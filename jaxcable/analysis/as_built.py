@@ -49,7 +49,6 @@ from ..programs.program_calls import as_program
 from .activation import element_masks, make_activation
 from .as_built_statements import (
     describe_unmet,
-    mask_of,
     refuse_lengths_beyond_digits,
     stated_as_built,
 )
@@ -214,7 +213,7 @@ def _with_strains(structure, phases, stated, m):
 
 def _join(stated, elements, m, part, count):
     """Return `StatedValues` with the strains of some elements, those of a part of unknowns `m`."""
-    mask = np.zeros(count, bool) if stated is None else mask_of(stated, count)
+    mask = np.zeros(count, bool) if stated is None else stated.element_mask()
     before = np.zeros(count, m.dtype) if stated is None else stated.values
     mask[elements] = True
     return StatedValues(_insert_strains(before, elements, m, part), None if mask.all() else mask)

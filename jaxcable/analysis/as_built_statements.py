@@ -11,13 +11,12 @@ from ..common import checks
 from ..common.rules import are_rules_kept
 from ..common.types import Array, Bool, Float, Int
 from ..elements.abilities import Sagging
-from ..elements.statement import StatedValues
 from ..loads import as_list
 from ..loads.load import Acting
 from ..loads.varying import Varying
 from ..model.structure import Structure
 from .phases import Phase
-from .prestress_rules import span_rules, value_rules
+from .prestress_rules import statement_rules
 from .solution import Solution, State
 from .statements import AS_BUILT_STATEMENTS, are_as_built
 
@@ -96,12 +95,11 @@ def stated_as_built(
             for name in names:
                 if name not in own:
                     continue
-                chosen = _chosen(own[name], len(cables.links))
+                chosen = np.flatnonzero(own[name].element_mask())
                 xp = checks.numpy_or_jax(own[name].values)
                 values = xp.asarray(own[name].values, structure.nodes.dtype)[chosen]
-                mask = mask_of(own[name], len(cables.links))
-                rules = value_rules(name, values, cables)
-                allowed = are_rules_kept([*rules, *span_rules(name, cables, structure.nodes, mask)])
+                rules = statement_rules(name, own[name], cables, structure.nodes, cables.capacity)
+                allowed = are_rules_kept(rules)
                 given = path + name + structure.named_groups()[number][0]
                 if name == "built_sag" and not loaded:
                     raise ValueError(
@@ -118,11 +116,6 @@ def stated_as_built(
 def _acts_along(given):
     """Return whether a load of a phase acts on elements, also if it is `Varying`."""
     return isinstance(given.load if isinstance(given, Varying) else given, Acting)
-
-
-def _chosen(stated, count):
-    """Return numbers of the elements that a statement concerns, [n], NumPy."""
-    return np.arange(count) if stated.chosen is None else np.flatnonzero(stated.chosen)
 
 
 def _is_first_end(tension_at, structure, cables, chosen):
@@ -173,14 +166,6 @@ def describe_unmet(stated: Sequence[Stated], errors: Float[np.ndarray, " n"]) ->
 
 def _stated_at(stated, k):
     """Return how unknown number k is stated, such as ``phases[0].jacking[2]``; value and unit."""
-    for one in stated:
-        if k < len(one.elements):
-            unit = "m" if one.name == "built_sag" else "N"
-            return f"{one.given}[{one.elements[k]}]", float(one.values[k]), unit
-        k -= len(one.elements)
-    raise IndexError(k)
-
-
-def mask_of(stated: StatedValues, count: int) -> Bool[np.ndarray, " n_elem"]:
-    """Return which elements a statement concerns, [n_elem] bool, a new NumPy array."""
-    return np.ones(count, bool) if stated.chosen is None else np.array(stated.chosen)
+    one, row = [(one, row) for one in stated for row in range(len(one.elements))][k]
+    unit = "m" if one.name == "built_sag" else "N"
+    return f"{one.given}[{one.elements[row]}]", float(one.values[row]), unit

@@ -301,11 +301,11 @@ def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
     motion without), `memory` are its history variables or None.
     """
     motion, bare = points
-    after = copy_with(ramp.commit(factor, drop_low_part(motion), memory), loads=None), bare
+    after = ramp.commit(factor, drop_low_part(motion), memory).with_factors_alone(), bare
     begun = append_low_part(before.motion) if has_low_part(bare) else before.motion
-    before = copy_with(before, loads=None), begun
+    before = before.with_factors_alone(), begun
     restart, bare = select_tree(valid, after, before)
-    return copy_with(restart, loads=ramp.start.loads), bare
+    return restart.with_loads(ramp.start.loads), bare
 
 
 def _make_path(outputs, moved, good, finite):

@@ -83,15 +83,14 @@ def _scan_phases(
     touched = implicit.gradient_probe(parameters)
 
     def phase(run, scanned):
-        arrays_of_phase, verdict, *steps, known = scanned
-        data = schedule.unpack_phase(arrays_of_phase)
+        data, verdict, *steps, known = scanned
+        data = schedule.complete(data)
         code = status.first_failure(run.code, verdict)
         before = with_loads_until(run.restart, loads, data.number)
         sane = sound & _is_tree_finite((before, data)) & (code == status.OK)
         problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
-        factored = (
-            run.factored if schedule.changes is None else linear.with_unusable_factor(run.factored)
-        )
+        same = schedule.phases.dof_map is None
+        factored = run.factored if same else linear.with_unusable_factor(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
         given = method, code, differentiate_path, factored, run.last_output, fresh, tell, known
@@ -103,7 +102,7 @@ def _scan_phases(
         begin = done.begin.motion[: schedule.n_node, :3], [s.memory for s in done.begin.states]
         seen = None if run.last_output is None else lax.stop_gradient(done.last_output)
         after = _LoopState(
-            *(code, done.stable, copy_with(restart, loads=None), done.factored, reached, seen)
+            *(code, done.stable, restart.with_factors_alone(), done.factored, reached, seen)
         )
         return after, (end, code, begin, path, done.log, done.points)
 
@@ -112,7 +111,7 @@ def _scan_phases(
     if points is not None:  # else the derivative needs all intermediate results of a phase
         phase = jax.checkpoint(phase, prevent_cse=False)
     run, (ends, codes, begins, paths, log, points) = lax.scan(
-        phase, run, (schedule.scanned_arrays, codes, counts, factors, points)
+        phase, run, (schedule.phases, codes, counts, factors, points)
     )
     # of the last phase with a converged increment; before the first one there is no derivative
     end = entry(ends, jnp.maximum(run.reached.number, 0))
@@ -123,10 +122,9 @@ def _scan_phases(
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
     known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
-    states = bundles.split(run.restart.states)
-    restart = copy_with(
-        run.restart, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
-    )
+    pairs = zip(run.restart.loads, known, strict=True)
+    loads = [copy_with(own, load=jax.tree.leaves(stack.load)) for own, stack in pairs]
+    restart = copy_with(run.restart, states=bundles.split(run.restart.states), loads=loads)
     ends, paths = _split_bundles(bundles, ends, axis=1), _split_bundles(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     solution = Solution(
@@ -154,7 +152,7 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
                 system_at_last(frame, restart, reached, schedule), restart.motion
             )
         )
-    start = copy_with(restart, loads=None)
+    start = restart.with_factors_alone()
     return _LoopState(code, jnp.zeros((), bool), start, factored, reached, last_output)
 
 
@@ -188,7 +186,7 @@ class _LoopState:
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.
-        restart: `RestartState`, without the loads, which do not change.
+        restart: `RestartState`, with the factors of its loads alone.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
         reached: `states.LastConvergedIncrement`.

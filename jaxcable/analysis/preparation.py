@@ -24,6 +24,7 @@ from ..loads import SelfWeight
 from ..loads.varying import scale_to_peak
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
+from ..mechanics.load_ramp import PhaseData
 from ..mechanics.load_stacks import LoadStack, acting_from_start
 from ..mechanics.restart_state import RestartState, initial_restart_state
 from ..model import phase_plausibility, plausibility
@@ -141,25 +142,24 @@ def prepare(
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     dof_map, changes, before = number_phases(sets, numbered, idle)
-    together = (
-        statements if bundles.are_groups else [bundles.join_statements(each) for each in statements]
-    )
     nodes = structure.nodes if rows is None else _take_rows(structure.nodes, rows.node_of_row)
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
-    schedule = Schedule(
+    present: Any = None if presence is None else presence.present
+    stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stack_statements(together, bundled),
+        statements=stack_statements(statements, bundles),
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
-        dof_map=dof_map,
-        changes=changes,
-        before=before,
-        loads=stacks,
+        dof_map=changes,
+        dof_map_before=before,
+        present=present,
+        attached=attached,
+    )
+    schedule = Schedule(
+        *(stacked, dof_map, stacks),
         increments=tuple(int(phase.increments) for phase in phases),
         n_node=structure.n_node,
-        present=None if presence is None else presence.present,
         present_at_start=None if presence is None else presence.present_at_start,
-        attached=attached,
         is_consistent=None if presence is None else presence.is_consistent,
     )
     without_indices, arrays = split_indices((nodes, bundled, restart, schedule))
@@ -279,7 +279,6 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
         Nodes, groups, `RestartState`, `Schedule`.
     """
     nodes, groups, restart, schedule = cast_to_dtype_of(parameters[0], parameters)
-    dtype = nodes.dtype
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:
@@ -291,16 +290,9 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     if restart.support_rotation is None and schedule.dof_map.axes is not None:
         restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
     begun = nodes + restart.motion[:, :3]
-    loads = [*restart.loads, *schedule.loads]
+    loads = [*restart.loads, *(stack.before_phases(begun) for stack in schedule.loads)]
     loads = loads if bundles.are_groups else [stack.on_bundles(bundles) for stack in loads]
-    restart = copy_with(
-        restart,
-        loads=loads,
-        load_factors=[
-            *restart.load_factors,
-            *(stack.initial_factors(begun, dtype) for stack in schedule.loads),
-        ],
-    )
+    restart = copy_with(restart, loads=loads)
     groups = [group.extrapolated() for group in groups]
     return nodes, groups, restart, schedule
 
@@ -341,17 +333,17 @@ def traced_input_status(
             INVALID_INPUT, [n_phase].
     """
     nodes, groups, _, schedule = parameters
+    phases = schedule.phases
     structure_ok = are_rules_kept(
         [*collect_rules(groups), *(r for group in groups for r in position_rules(nodes, group))]
     )
     good = jnp.broadcast_to(structure_ok & are_rules_kept(collect_rules(others)), len(schedule))
     if schedule.is_consistent is not None:
         good = good & schedule.is_consistent
-    if jax.tree.leaves(schedule.statements):
-        good = good & jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))(
-            schedule.statements
-        )
-    for added in (schedule.added_load, schedule.moved):
+    if jax.tree.leaves(phases.statements):
+        keep_rules = jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))
+        good = good & keep_rules(phases.statements)
+    for added in (phases.added_load, phases.moved):
         if added is not None and added.amplitude is not None:
             good = good & jax.vmap(lambda own: are_rules_kept(own.rules()))(added.amplitude)
     for stack in schedule.loads:

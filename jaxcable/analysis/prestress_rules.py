@@ -14,7 +14,8 @@ from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import STATEMENTS, Sagging, statements_of
 from ..elements.element import Element
-from ..elements.prestress import StatedValues, call_each_element
+from ..elements.prestress import call_each_element
+from ..elements.statement import StatedValues
 
 _TENSIONS = ("pretension", "force_density", "jacking", "end_tension")
 
@@ -40,33 +41,56 @@ def statements_keep_rules(
         groups: element groups, before `extrapolated`.
         nodes: initial positions of the rows, [n_row, 3].
     """
-    all_kept = are_rules_kept([])
+    rules = []
     for group, own in zip(groups, statements, strict=True):
+        capacity = functools.partial(call_each_element, "capacity", group)
         for name, stated in own.items():
-            rules = value_rules(name, stated.values, group)
-            if np.ndim(stated.values) > 1:  # a law of one strain says nothing of them
-                chosen = None if stated.chosen is None else stated.chosen[:, None]
-                all_kept = all_kept & are_rules_kept(rules, chosen)
-                continue
-            capacity = functools.partial(call_each_element, "capacity", group)
-            rules += capacity_rules(name, stated.values, group, capacity)
-            rules += span_rules(name, group, nodes)
-            all_kept = all_kept & are_rules_kept(rules, stated.chosen)
-    return all_kept
+            rules += statement_rules(name, stated, group, nodes, capacity)
+    return are_rules_kept(rules)
 
 
-def value_rules(
-    name: str, values: Float[ArrayLike, " ..."], group: Element, path: str = ""
+def statement_rules(
+    name: str,
+    stated: StatedValues,
+    group: Element,
+    nodes: Float[ArrayLike, "n_row 3"],
+    capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
+    path: str = "",
 ) -> list[Rule]:
-    """Return the rules on sign and size of the values of a statement, a list of `Rule`.
+    """Return all rules of what a phase states of a group, for the elements that it concerns.
 
     Args:
         name: name of the statement, such as "pretension".
-        values: values for the elements of the group.
+        stated: its values for the elements of the group.
         group: element group.
+        nodes: initial positions, [n_row, 3].
+        capacity: function that returns the smallest and the largest force of every element, N.
         path: how a user writes it, for messages: ``phases[0].pretension['guys']``.
     """
     path = path or name
+    rules = value_rules(name, stated.values, group, path)
+    if np.ndim(stated.values) < 2:  # a law of one strain says nothing of several components
+        rules += capacity_rules(name, stated.values, group, capacity, path)
+        rules += span_rules(name, group, nodes, path)
+    if stated.chosen is None:
+        return rules
+    return [_restrict_to_elements(rule, stated.chosen) for rule in rules]
+
+
+def _restrict_to_elements(rule, chosen):
+    """Return a rule that looks at `chosen` elements only, [n_elem] bool."""
+
+    def broken(*values):
+        wrong = rule.broken(*values)
+        return wrong & chosen.reshape(-1, *(1,) * (np.ndim(wrong) - 1))
+
+    return rule._replace(broken=broken)
+
+
+def value_rules(
+    name: str, values: Float[ArrayLike, " ..."], group: Element, path: str
+) -> list[Rule]:
+    """Return the rules on sign and size of `values` of a statement; others as `statement_rules`."""
     if name not in STATEMENTS:
         return [rule(path, values) for rule in statements_of(group)[name].rules]
     if name == "rest_length":
@@ -90,22 +114,12 @@ def value_rules(
 
 
 def span_rules(
-    name: str,
-    group: Element,
-    nodes: Float[ArrayLike, "n_row 3"],
-    chosen: Bool[np.ndarray, " n_elem"] | None = None,
-    path: str = "",
+    name: str, group: Element, nodes: Float[ArrayLike, "n_row 3"], path: str
 ) -> list[Rule]:
     """Return the rule that spans with a stated sag have a middle: no node lies above the other.
 
     The same holds for a stated horizontal tension, which needs a horizontal direction. The list is
-    empty for other statements.
-
-    Args:
-        name, group: name of the statement, element group.
-        nodes: initial positions, [n_row, 3].
-        chosen: elements that the statement concerns, [n_elem] bool; None for all.
-        path: the statement in messages; default its name.
+    empty for other statements. Arguments are those of `statement_rules`.
     """
     if name not in _AT_MIDSPAN:
         return []
@@ -114,12 +128,11 @@ def span_rules(
         chord = nodes[group.links[:, 1]] - nodes[group.links[:, 0]]
         # some roundings of the coordinates: below them the horizontal distance is not known
         least = 64 * np.finfo(chord.dtype).eps ** 2 * (chord**2).sum(axis=1)
-        found = (chord[:, :2] ** 2).sum(axis=1) <= least
-        return found if chosen is None else found & chosen
+        return (chord[:, :2] ** 2).sum(axis=1) <= least
 
     def text(index, *_):
         return (
-            f"{path or name}[{index[0]}]: the nodes of the element lie above each other, so that "
+            f"{path}[{index[0]}]: the nodes of the element lie above each other, so that "
             f"the span has no {_AT_MIDSPAN[name]}; give rest_length instead"
         )
 
@@ -131,12 +144,11 @@ def capacity_rules(
     values: Float[ArrayLike, " n_elem"],
     group: Element,
     capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
-    path: str = "",
+    path: str,
 ) -> list[Rule]:
     """Return the rule that the law of a group can carry stated forces `values`, [n_elem], N.
 
-    The list is empty where no force is stated. `capacity` returns the smallest and the largest
-    force of every element, `path` is the statement in messages.
+    The list is empty where no force is stated. Other arguments are those of `statement_rules`.
     """
     if name not in ("pretension", "jacking", "end_tension") or not group.has_rupture:
         return []
@@ -146,4 +158,4 @@ def capacity_rules(
         more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
         return (force < low * more) | (force > high * more)
 
-    return [Rule(path or name, (values, *capacity()), beyond, text)]
+    return [Rule(path, (values, *capacity()), beyond, text)]

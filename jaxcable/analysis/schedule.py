@@ -17,53 +17,41 @@ import numpy as np
 
 from ..common.tree import copy_with, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
-from ..elements.element import Element
-from ..elements.prestress import StatedValues
+from ..elements.statement import StatedValues
 from ..loads.load import Load
 from ..loads.varying import Amplitude, stack_amplitudes
+from ..mechanics.bundles import Bundles
 from ..mechanics.load_ramp import NodalIncrement, PhaseData
 from ..mechanics.load_stacks import LoadStack
 from ..model.supports import FixedDofs
-from ..programs.joining import stack_trees
+from ..programs.joining import concatenate, stack_trees
 from ..spaces.dof_map import DofMap
 
 
 @pytree(static=("increments", "n_node"))
 class Schedule:
-    """All phases of an analysis; arrays have a leading axis [n_phase].
+    """All phases of an analysis.
 
     Attributes:
-        number: indices of the phases.
-        statements, added_load, moved: as in `PhaseData`.
+        phases: `PhaseData` of all phases, stacked: arrays have a leading axis [n_phase]. Of its
+            `dof_map` it has the fields that change from phase to phase, by name, or None; of its
+            `dof_map_before` the fields with the supports before every phase, None if the supports
+            never change.
         dof_map: numbering of all unknowns, without the axis of phases.
-        changes: fields of `dof_map` that change from phase to phase, by name, or None.
-        before: fields of `dof_map` with the supports before every phase, by name; None if the
-            supports never change.
         loads: element loads of all phases, list of `LoadStack`.
         increments: number of increments of every phase, a tuple.
         n_node: number of nodes; further rows of motion belong to elements.
-        present: elements that are there in every phase, per group [n_phase, n_elem] bool; None if
-            no element ever comes or goes.
-        present_at_start: those that are there before the first phase, per group [n_elem] bool, or
-            None.
-        attached: whether newly active nodes move rigidly with active ones, [n_phase] bool; None if
-            they do so in no phase.
+        present_at_start: elements that are there before the first phase, per group [n_elem] bool;
+            None if no element ever comes or goes.
         is_consistent: `Activation.is_consistent`.
     """
 
-    number: Int[ArrayLike, " n_phase"]
-    statements: list[dict[str, StatedValues]]
-    added_load: NodalIncrement | None
-    moved: NodalIncrement | None
+    phases: PhaseData
     dof_map: DofMap
-    changes: dict[str, PyTree[ArrayLike]] | None
-    before: dict[str, ArrayLike] | None
     loads: list[LoadStack]
     increments: tuple[int, ...] = ()
     n_node: int = 0
-    present: list[Bool[ArrayLike, "n_phase n_elem"]] | None = None
     present_at_start: list[Bool[ArrayLike, " n_elem"]] | None = None
-    attached: Bool[ArrayLike, " n_phase"] | None = None
     is_consistent: Bool[ArrayLike, " n_phase"] | None = None
 
     def __len__(self) -> int:
@@ -78,51 +66,60 @@ class Schedule:
         counts = np.array(self.increments, np.int32)
         return counts, np.arange(max(self.increments) + 1) / counts[:, None]
 
-    @property
-    def scanned_arrays(self) -> tuple[Any, ...]:
-        """All arrays with an axis of phases, a tuple over which `lax.scan` runs."""
-        data = self.statements, self.added_load, self.moved, self.changes, self.before
-        return self.number, *data, self.present, self.attached
-
-    def unpack_phase(self, row: tuple[Any, ...]) -> PhaseData:
-        """Make the `PhaseData` of one phase from its slice of `scanned_arrays`."""
-        number, statements, added, moved, changes, before, present, attached = row
+    def complete(self, phase: PhaseData) -> PhaseData:
+        """Return one of `phases` with its whole `dof_map`, and that of the phase before."""
+        changes, before = phase.dof_map, phase.dof_map_before
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
         was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
-        return PhaseData(number, statements, added, moved, dof_map, was, present, attached)
+        return copy_with(phase, dof_map=dof_map, dof_map_before=was)
 
     def phase(self, k: int) -> PhaseData:
         """Return the `PhaseData` of the phase with index `k`."""
-        return self.unpack_phase(jax.tree.map(lambda x: x[k], self.scanned_arrays))
+        return self.complete(jax.tree.map(lambda x: x[k], self.phases))
 
 
 def stack_statements(
-    statements: Sequence[Sequence[dict[str, StatedValues]]], groups: Sequence[Element]
+    statements: Sequence[Sequence[dict[str, StatedValues]]], bundles: Bundles
 ) -> list[dict[str, StatedValues]]:
-    """Stack what all phases state of elements: per group a dict from name to `StatedValues`.
+    """Stack what all phases state of elements: per bundle a dict from name to `StatedValues`.
 
-    The arrays get an axis [n_phase]; in phases without the statement they concern no element.
+    The arrays get an axis [n_phase]. In phases without the statement they concern no element, and
+    of a bundle (groups evaluated as one) no element of the groups without it.
 
     Args:
         statements: for every phase a list with a dict for every group.
-        groups: element groups.
+        bundles: which groups are evaluated together.
     """
     found = []
-    for k, group in enumerate(groups):
-        names = list(dict.fromkeys(name for phase in statements for name in phase[k]))
-        count, of_group = len(group.links), {}
+    for groups in bundles.group_indices:
+        names = dict.fromkeys(n for phase in statements for k in groups for n in phase[k])
+        sizes = [bundles.sizes[k] for k in groups]
+        of_bundle = {}
         for name in names:
-            some = next(phase[k][name] for phase in statements if name in phase[k])
-            nothing = StatedValues(np.zeros(np.shape(some.values)), np.zeros(count, bool))
-            parts = [phase[k].get(name, nothing) for phase in statements]
-            if any(part.chosen is not None for part in parts):
-                parts = [
-                    copy_with(part, chosen=np.ones(count, bool)) if part.chosen is None else part
-                    for part in parts
-                ]
-            of_group[name] = stack_trees(parts)
-        found.append(of_group)
+            parts = [[phase[k].get(name) for k in groups] for phase in statements]
+            of_bundle[name] = _stack_statement(parts, sizes)
+        found.append(of_bundle)
     return found
+
+
+def _stack_statement(parts, sizes):
+    """Return `StatedValues` [n_phase, n_elem, ...] of `parts`, for every phase a list by group.
+
+    Each item is `StatedValues` or None; `sizes` are the numbers of elements of the groups.
+    """
+    every = [part for phase in parts for part in phase]
+    several = next(np.shape(part.values)[1:] for part in every if part is not None)
+
+    def filled(stated, count):
+        return stated or StatedValues(np.zeros((count, *several)), np.zeros(count, bool))
+
+    rows = [list(map(filled, phase, sizes)) for phase in parts]
+    joined = [[own.values for own in row] for row in rows]
+    values = stack_trees([x[0] if len(x) == 1 else concatenate(x) for x in joined])
+    if all(part is not None and part.chosen is None for part in every):
+        return StatedValues(values)
+    masks = [np.concatenate([own.element_mask() for own in row]) for row in rows]
+    return StatedValues(values, np.stack(masks))
 
 
 def stack_nodal_loads(
@@ -190,7 +187,7 @@ def number_phases(
             phase, which are held; None if elements neither come nor go.
 
     Returns:
-        `dof_map`, `changes` and `before` of `Schedule`.
+        `dof_map` of `Schedule`, and `dof_map` and `dof_map_before` of its `phases`.
     """
     was, now = sets[:-1], sets[1:]
     if idle is None and all(fixed == now[0] for fixed in now):

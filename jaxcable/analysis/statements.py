@@ -26,12 +26,12 @@ from ..elements.abilities import (
     statements_of,
 )
 from ..elements.element import Element
-from ..elements.prestress import StatedValues
+from ..elements.statement import StatedValues
 from ..model import phase_plausibility
 from ..model.structure import Structure
 from ..programs.joining import broadcast
 from .group_values import is_single_number, value_per_group
-from .prestress_rules import capacity_rules, span_rules, value_rules
+from .prestress_rules import statement_rules
 
 AS_BUILT_STATEMENTS = ("end_tension", "horizontal_tension", "built_sag")
 """Statements of what holds in equilibrium, at the end of a phase (`as_built`)."""
@@ -145,7 +145,7 @@ def _require_compatible(statements, where, key, group):
     absolute = [name for name in statements if name in ABSOLUTE_STATEMENTS]
     for number, name in enumerate(absolute):
         for other in absolute[:number]:
-            if (both := _describe_overlap(statements[name], statements[other], key, group)) is None:
+            if (both := _describe_overlap(statements[name], statements[other], key)) is None:
                 continue
             raise ValueError(
                 f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
@@ -155,7 +155,7 @@ def _require_compatible(statements, where, key, group):
     for force, name in itertools.product(kept, INCREMENTAL_STATEMENTS):
         if force not in statements or name not in statements:
             continue
-        both = _describe_overlap(statements[name], statements[force], key, group)
+        both = _describe_overlap(statements[name], statements[force], key)
         if both is not None:
             raise ValueError(
                 f"{where}{force}, {name}: a jack keeps the force of {both} in this phase; give "
@@ -163,17 +163,15 @@ def _require_compatible(statements, where, key, group):
             )
 
 
-def _describe_overlap(one, other, key, group):
-    """Return in words the first element of a group that two statements concern; None without."""
+def _describe_overlap(one, other, key):
+    """Return in words the first element of a group that two statements concern; None without.
+
+    `key` is that of the group in the elements, as text.
+    """
     if one.chosen is None and other.chosen is None:
         return f"elements{key}"
-    both = _concerned_elements(one, group) & _concerned_elements(other, group)
+    both = one.element_mask() & other.element_mask()
     return f"element {int(both.argmax())} of elements{key}" if both.any() else None
-
-
-def _concerned_elements(stated, group):
-    """Return a mask of the elements that a statement concerns, [n_elem] bool, NumPy."""
-    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
 def _skips_single_number(group, name, structure):
@@ -218,24 +216,9 @@ def _check_statement(
         value = value.merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    refuse_if_broken(
-        [_restrict_rule_to_elements(rule, chosen) for rule in value_rules(name, value, group, path)]
-    )
-    refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
-    refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
-    return StatedValues(value, chosen)
-
-
-def _restrict_rule_to_elements(rule, chosen):
-    """Return a rule that looks at `chosen` elements only, [n_elem] bool; None for all."""
-    if chosen is None:
-        return rule
-
-    def broken(values):
-        wrong = rule.broken(values)
-        return wrong & chosen.reshape(-1, *(1,) * (np.ndim(wrong) - 1))
-
-    return rule._replace(broken=broken)
+    stated = StatedValues(value, chosen)
+    refuse_if_broken(statement_rules(name, stated, group, structure.nodes, group.capacity, path))
+    return stated
 
 
 def _require_ability(group, name, path, structure):

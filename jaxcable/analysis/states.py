@@ -32,7 +32,7 @@ class LastConvergedIncrement:
         number: index of the phase, -1 before the first increment.
         factor: load factor of that phase.
         held: the arrays of `DofMap` that depend on the supports, as they are there, by name
-            (as `Schedule.before`); empty if the supports never change.
+            (as `Schedule.phases`); empty if the supports never change.
     """
 
     number: Int[Array, ""]
@@ -42,7 +42,7 @@ class LastConvergedIncrement:
     @classmethod
     def before_first(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
         """Return the value before the first increment: number -1, load factor 0."""
-        held = {} if schedule.before is None else schedule.before
+        held = schedule.phases.dof_map_before or {}
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
@@ -184,20 +184,18 @@ def arrange_solution(structure: Structure, solution: Solution, task: PreparedAna
         return map_element_fields(fill_peak_tensions(part), structure.arrange, **changes)
 
     ends, paths = arrange(solution.phases.ends), arrange(solution.phases.paths)
-    restart = solution.last.restart
-    stacks: Any = restart.loads  # of leaves each
+    restart: Any = solution.last.restart  # whose loads have lists of leaves
     loads = [
-        copy_with(
-            stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None
-        )
-        for stack, leaves in zip(task.loads, stacks, strict=True)
+        copy_with(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), own.load))
+        for stack, own in zip(task.loads, restart.loads, strict=True)
     ]
+    loads = [copy_with(stack, amplitude=None) for stack in loads]
     return arrange(
         solution,
         phases=copy_with(solution.phases, ends=ends, paths=paths),
         last=arrange(
             solution.last,
-            restart=copy_with(restart, loads=loads),
+            restart=restart.with_loads(loads),
             fixed=task.fixed,
             topology=topology_of(structure),
         ),

@@ -89,15 +89,8 @@ def refuse_if_broken(rules: Sequence[Rule]) -> None:
         raise ValueError(f"{rule.name}{where}{shown}: {rule.text}")
 
 
-def are_rules_kept(
-    rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None
-) -> Bool[Array, ""]:
-    """Return whether numbers satisfy all rules, a scalar bool; of NumPy if all are known.
-
-    Args:
-        rules: list of `Rule`.
-        among: mask of the entries that are checked, in the shape of the values; None for all.
-    """
+def are_rules_kept(rules: Sequence[Rule]) -> Bool[Array, ""]:
+    """Return whether numbers satisfy all `rules`, a scalar bool; of NumPy if all are known."""
     sound: Any = np.bool_(True)
     for rule in rules:
         if rule.values is None:
@@ -105,7 +98,6 @@ def are_rules_kept(
         values = _values_as_tuple(rule.values)
         xp = numpy_or_jax(values)
         broken = rule.broken(*map(xp.asarray, values))
-        broken = broken if among is None else broken & among
         sound = sound & ~numpy_or_jax(broken).any(broken)
     return sound
 

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.rules import Rule
 from ..common.tree import pytree
@@ -43,6 +44,10 @@ class StatedValues:
 
     values: Float[ArrayLike, "n_elem ..."]
     chosen: Bool[ArrayLike, " n_elem"] | None = None
+
+    def element_mask(self) -> Bool[np.ndarray, " n_elem"]:
+        """Return which elements a known statement concerns, [n_elem], a new NumPy array."""
+        return np.ones(len(self.values), bool) if self.chosen is None else np.array(self.chosen)
 
     def select(
         self, new: Float[ArrayLike, "n_elem ..."], old: Float[ArrayLike, "n_elem ..."]

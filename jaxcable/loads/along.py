@@ -8,7 +8,6 @@ from __future__ import annotations
 import abc
 
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
@@ -17,12 +16,12 @@ from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from .groups import Key, OnGroups
-from .load import Dead, Groups, OnEveryNode, Positions, States
+from .load import ForcesAlone, Positions
 
 GEOMETRIES = ("input", "begun")
 
 
-class AlongElements(OnGroups, Dead):
+class AlongElements(OnGroups, ForcesAlone):
     """Base of dead loads along elements: one vector times an amount for each element.
 
     The amount is a weight (N) or a length (m), the vector a direction or a force per length.
@@ -50,19 +49,9 @@ class AlongElements(OnGroups, Dead):
         None if the group has none. It bends beams and lets catenaries hang.
         """
 
-    def element_forces(
-        self,
-        groups: Groups,
-        states: States,
-        nodes: Positions,
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
-
-        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
-        """
-        total, forces = jnp.zeros(shape[0], dtype), None
+    def _sum_forces(self, groups, states, nodes, dtype):
+        """Return the forces on all nodes, [n_row, 3], N."""
+        total, forces = jnp.zeros(len(nodes), dtype), None
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
             if amounts is None:
@@ -72,10 +61,10 @@ class AlongElements(OnGroups, Dead):
                 total = total.at[links].add(amounts)
             else:
                 each = amounts[..., None] * vectors[:, None].astype(dtype)
-                forces = jnp.zeros((shape[0], 3), dtype).at[links].add(each)
+                forces = jnp.zeros((len(nodes), 3), dtype).at[links].add(each)
         if forces is None:
-            forces = jnp.outer(total, self._vector_per_amount().astype(dtype))
-        return pad_moments(forces, shape)
+            return jnp.outer(total, self._vector_per_amount().astype(dtype))
+        return forces
 
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
@@ -195,10 +184,3 @@ def require_known_geometry(geometry: str, per: str) -> None:
             'geometry = "begun": cannot be used with per="unstressed", because unstressed lengths '
             'have no geometry; give per="initial" or per="projected"'
         )
-
-
-def pad_moments(
-    forces: Float[Array, "n_row 3"], shape: tuple[int, int]
-) -> Float[Array, "n_row n_freedom"]:
-    """Append zero moments to forces [n_row, 3] if `shape` is (n_row, 6)."""
-    return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

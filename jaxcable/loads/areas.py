@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.negligible import vector_text
@@ -14,16 +13,16 @@ from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..common.units import SI, Units
 from ..numerics import scaled
-from .along import pad_moments, require_known_geometry
+from .along import require_known_geometry
 from .faces import OnFaces, area_vectors
 from .groups import Key
-from .load import Groups, Measured, OnEveryNode, Positions, States
+from .load import ForcesAlone, Measured
 
 AREA_REFERENCES = ("projected", "initial")
 
 
 @pytree(static=("per", "geometry", "on"), indices=("faces",))
-class AreaLoads(OnFaces, Measured):
+class AreaLoads(OnFaces, ForcesAlone, Measured):
     """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
     The load is dead: the areas do not change while it acts. They are differentiable. `net_faces`
@@ -85,35 +84,18 @@ class AreaLoads(OnFaces, Measured):
         checks.require_one_of(self.per, "per", AREA_REFERENCES)
         require_known_geometry(self.geometry, self.per)
 
-    def __str__(self) -> str:
-        return self.describe()
-
     def describe(self, units: Units = SI) -> str:
         """Return the force per area, in `units`, and on how many faces or which group, as text."""
-        faces, on = (
-            self.faces,
-            "" if self.on is None or isinstance(self.on, tuple) else f" {self.on}",
-        )
-        where = f" on {len(faces)} faces" if faces is not None else on and f" on{on}"
+        where = self._key_text() if self.faces is None else f" on {len(self.faces)} faces"
         forces, factor = (checks.array_if_known(x) for x in (self.forces, self.factor))
         if forces is None or factor is None or forces.ndim != 1 or factor.ndim:
             return f"AreaLoads{where} (per {self.per} area)"
         size = vector_text(units.from_si(forces * factor, "N/m2"))
         return f"AreaLoads{where}: {size} {units.name('N/m2')} (per {self.per} area)"
 
-    def element_forces(
-        self,
-        groups: Groups,
-        states: States,
-        nodes: Positions,
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
-
-        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
-        """
-        total = jnp.zeros((shape[0], 3), dtype)
+    def _sum_forces(self, groups, states, nodes, dtype):
+        """Return the forces on all nodes, [n_row, 3], N."""
+        total = jnp.zeros((len(nodes), 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measuring_positions(nodes)[faces]):
                 if self.per == "projected":
@@ -124,4 +106,4 @@ class AreaLoads(OnFaces, Measured):
                 force = (area / 3)[:, None] * per_area
                 for k in numbers:
                     total = total.at[faces[:, k]].add(force)
-        return pad_moments(self.factor.astype(dtype) * total, shape)
+        return self.factor.astype(dtype) * total

@@ -52,6 +52,10 @@ class OnGroups(Acting):
                 f"got {type(self.elements).__name__}"
             )
 
+    def _key_text(self):
+        """Return the key of the loaded group in words, " on guys"; none in an analysis."""
+        return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
+
     def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
@@ -213,6 +217,4 @@ def join_columns(
     parts: Sequence[Float[ArrayLike, "... k"]],
 ) -> Float[Array | np.ndarray, "... n"]:
     """Concatenate arrays along the last axis, by NumPy unless one is traced."""
-    if any(isinstance(part, jax.core.Tracer) for part in parts):
-        return jnp.concatenate([jnp.asarray(part) for part in parts], axis=-1)
-    return np.concatenate([np.asarray(part) for part in parts], axis=-1)
+    return checks.numpy_or_jax(parts).concatenate(parts, axis=-1)

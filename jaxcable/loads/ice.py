@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Self
 
-import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.rules import Rule, not_negative, refuse_if_broken
@@ -14,11 +12,9 @@ from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..common.units import SI, Units
-from ..elements.element import Element, OwnState
 from ..model.structure import Structure
-from .along import pad_moments
-from .groups import Key, OnGroups
-from .load import Dead, Groups, OnEveryNode, Positions, States
+from .along import AlongElements
+from .groups import Key
 from .masses import STANDARD_GRAVITY
 from .member_values import check_member_values, require_members, with_member_factors
 
@@ -26,7 +22,7 @@ _PER_MEMBER = ("thickness", "diameter")
 
 
 @pytree(static=("on",))
-class IceLoads(OnGroups, Dead):
+class IceLoads(AlongElements):
     """Weight of ice of an even thickness around cables, bars, catenaries and beams.
 
     The weight per unstressed length is that of a hollow cylinder, ``gravity density pi thickness
@@ -105,46 +101,24 @@ class IceLoads(OnGroups, Dead):
         load = super().with_group_numbers(structure)
         return with_member_factors(load, structure, _PER_MEMBER, _ring_area)
 
-    def element_forces(
-        self,
-        groups: Groups,
-        states: States,
-        nodes: Positions,
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
-
-        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
-        """
-        total = jnp.zeros(shape[0], dtype)
-        for number in self.on:
-            group, state = groups[number], states[number]
-            if group.has_length:
-                weights = self.apply_factors(number, state.load_bearing_length, state)
-                shares = group.split_among_ends(weights, nodes[group.links])
-                total = total.at[group.links].add(shares.astype(dtype))
-        return pad_moments(jnp.outer(total, self._weight_per_volume().astype(dtype)), shape)
-
-    def load_per_length(
-        self, number: int, group: Element, state: OwnState, nodes: Positions
-    ) -> Float[Array, "n_elem 3"] | None:
-        """Return the load per unstressed length of a group, [n_elem, 3], N/m; None without any."""
-        if number not in self.on or not group.has_length:
+    def _amounts_at_ends(self, number, group, state, nodes):
+        """Return the volume of ice at every end of a group, [n_elem, n_end], m3; None if none."""
+        if not group.has_length:
             return None
-        areas = self.apply_factors(number, state.load_bearing_length, state) / state.rest_length
-        return jnp.outer(areas, self._weight_per_volume())
+        volumes = self.apply_factors(number, state.load_bearing_length, state)
+        return group.split_among_ends(volumes, nodes[group.links])
 
-    def _weight_per_volume(self):
+    def _amounts_between_ends(self, number, group, state, nodes):
+        """Return the length of every element of a group, [n_elem], m; None without lengths."""
+        return state.load_bearing_length if group.has_length else None
+
+    def _vector_per_amount(self):
         """Return the weight of the ice per volume as a vector, [3], N/m3."""
         return self.density * self.gravity * self.direction
 
-    def __str__(self) -> str:
-        return self.describe()
-
     def describe(self, units: Units = SI) -> str:
         """Return thickness and density of the ice, in `units`, as text."""
-        where = "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
+        where = self._key_text()
         thickness, density = map(checks.array_if_known, (self.thickness, self.density))
         if thickness is None or density is None or density.ndim:
             return f"IceLoads{where}"

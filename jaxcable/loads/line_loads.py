@@ -18,6 +18,7 @@ from ..numerics import scaled
 from .along import AlongElements, require_known_geometry
 from .groups import Key, join_columns, scatter_to_elements
 from .load import Measured
+from .member_values import require_members
 
 LENGTH_REFERENCES = ("unstressed", "initial", "projected")
 
@@ -111,14 +112,7 @@ class LineLoads(AlongElements, Measured):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
-        numbers, _ = self.loaded_groups(structure)
-        without = [number for number in numbers if not structure.groups[number].has_length]
-        if without and (self.on is not None or len(without) == len(numbers)):
-            path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
-            raise ValueError(
-                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; "
-                "loads per length act along cables, bars, beams and catenaries"
-            )
+        require_members(self, structure)
         if self._n_value is not None:
             self._elements_with_values(structure)
 

@@ -6,6 +6,7 @@ import abc
 from collections.abc import Mapping, Sequence
 from typing import Protocol, Self, TypeAlias
 
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
@@ -84,7 +85,8 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return []
 
     def __str__(self) -> str:
-        return type(self).__name__
+        described = type(self).describe is not Load.describe
+        return self.describe() if described else type(self).__name__
 
     def describe(self, units: Units = SI) -> str:
         """Return the load in a few words, for people, with its numbers in `units`."""
@@ -182,6 +184,32 @@ class Dead(Acting):
         shares at the ends of the elements are part of `element_forces`.
         """
         return None
+
+
+class ForcesAlone(Dead):
+    """Base of dead loads on elements or faces that put forces, and no moments, on nodes."""
+
+    @abc.abstractmethod
+    def _sum_forces(self, groups, states, nodes, dtype):
+        """Return the forces on all nodes, [n_row, 3], N, of a `dtype`.
+
+        `nodes` are their initial positions.
+        """
+
+    def element_forces(
+        self,
+        groups: Groups,
+        states: States,
+        nodes: Positions,
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> OnEveryNode:
+        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
+
+        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
+        """
+        forces = self._sum_forces(groups, states, nodes, dtype)
+        return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))
 
 
 class Measured(Dead):

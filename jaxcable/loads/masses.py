@@ -14,7 +14,7 @@ from ..common.units import SI, Units
 from ..model.structure import Structure
 from .groups import scatter_to_nodes
 from .load import OnEveryNode, OnNodes
-from .nodal import NodalLoads
+from .nodal import NodalLoads, set_node_numbers
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -60,8 +60,7 @@ class PointMasses(OnNodes):
     scales = ("direction",)
 
     def __post_init__(self):
-        if not isinstance(self.nodes, Indices):
-            set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "load nodes")))
+        set_node_numbers(self, "load nodes")
         set_fields(
             self,
             masses=checks.floats_of_shape(self.masses, "masses", (), (len(self.nodes),)),
@@ -105,9 +104,6 @@ class PointMasses(OnNodes):
         masses = nan_if_broken(self.rules()[0])
         masses = apply_numpy_or_jax(lambda xp, x: xp.broadcast_to(x, (len(self.nodes),)), masses)
         return masses[:, None] * (self.gravity * self.direction)[None, :]
-
-    def __str__(self) -> str:
-        return self.describe()
 
     def describe(self, units: Units = SI) -> str:
         """Return the number of nodes and the sum of the masses, in `units`, as text."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
@@ -36,7 +35,7 @@ def check_member_values(load: Any, names: Sequence[str]) -> None:
         raise ValueError(f"{', '.join(counts)}: have different numbers of elements: {given}")
 
 
-def require_members(load: Any, structure: Structure, names: Sequence[str]) -> None:
+def require_members(load: Any, structure: Structure, names: Sequence[str] = ()) -> None:
     """Raise ValueError unless the loaded groups have lengths, and the fields `names` fit them."""
     numbers, _ = load.loaded_groups(structure)
     without = [number for number in numbers if not structure.groups[number].has_length]
@@ -77,9 +76,8 @@ def with_member_factors(
             [n_elem].
     """
     given = {name: getattr(load, name) for name in names if getattr(load, name) is not None}
-    known = {name: checks.array_if_known(value) for name, value in given.items()}
-    pack: Any = jnp if any(value is None for value in known.values()) else np
-    values = given if pack is jnp else known
+    pack = checks.numpy_or_jax(given)
+    values = {name: checks.as_numpy_if_known(value) for name, value in given.items()}
     amounts = product(copy_with(load, **values))
     factors = {}
     for number in load.on:

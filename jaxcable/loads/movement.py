@@ -6,13 +6,14 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, pytree, set_fields
+from ..common.tree import pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, Moving, OnEveryNode
+from .nodal import require_rotations, set_node_numbers, set_vectors
 
 
 @pytree(indices=("nodes",))
@@ -50,15 +51,10 @@ class SupportMovement(Moving):
     scales = ("displacements", "rotations")
 
     def __post_init__(self):
-        if not isinstance(self.nodes, Indices):
-            set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "moved nodes")))
+        set_node_numbers(self, "moved nodes")
         if self.displacements is None:
             set_fields(self, displacements=(0.0, 0.0, 0.0))
-        for name in ("displacements", "rotations"):
-            if getattr(self, name) is not None:
-                shapes = (3,), (len(self.nodes), 3)
-                value = checks.floats_of_shape(getattr(self, name), name, *shapes, hint=VECTOR_HINT)
-                set_fields(self, **{name: value})
+        set_vectors(self, ("displacements", "rotations"), len(self.nodes), VECTOR_HINT)
         turn = checks.array_if_known(self.rotations)
         if turn is not None:
             plausibility.warn_of_degrees("rotations", turn)
@@ -66,11 +62,8 @@ class SupportMovement(Moving):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "moved nodes")
-        if self.rotations is not None and not structure.rotating_nodes()[self.nodes.array].all():
-            k = int((~structure.rotating_nodes()[self.nodes.array]).argmax())
-            raise ValueError(
-                f"rotations: node {self.nodes[k]} has no rotation: no beam is joined to it rigidly"
-            )
+        if self.rotations is not None:
+            require_rotations(structure, self.nodes.array, "rotations")
 
     def check_supported(self, fixed: FixedDofs) -> None:
         """Raise ValueError if a moved degree of freedom is not held by `fixed`, the supports.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from jax.typing import DTypeLike
 
@@ -13,6 +16,31 @@ from ..common.units import SI, Units
 from ..model.structure import Structure
 from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, OnEveryNode, OnNodes
+
+
+def set_node_numbers(load: Any, name: str) -> None:
+    """Convert the field `nodes` of a load to `Indices`; `name` is what messages call it."""
+    if not isinstance(load.nodes, Indices):
+        set_fields(load, nodes=Indices(checks.as_indices(load.nodes, name)))
+
+
+def set_vectors(load: Any, names: Sequence[str], count: int, hint: str) -> None:
+    """Convert fields `names` of a load to floats, [3] or [count, 3]; None stays None.
+
+    Raises ValueError for other shapes, with `hint` at the end of its message.
+    """
+    for name in names:
+        if (value := getattr(load, name)) is not None:
+            vectors = checks.floats_of_shape(value, name, (3,), (count, 3), hint=hint)
+            set_fields(load, **{name: vectors})
+
+
+def require_rotations(structure: Structure, nodes: Int[np.ndarray, " n"], name: str) -> None:
+    """Raise ValueError for a node without rotation; `name` is the argument that turns nodes."""
+    rotating = structure.rotating_nodes()[nodes]
+    if not rotating.all():
+        node = nodes[int((~rotating).argmax())]
+        raise ValueError(f"{name}: node {node} has no rotation: no beam is joined to it rigidly")
 
 
 @pytree(indices=("nodes",))
@@ -47,17 +75,8 @@ class NodalLoads(OnNodes):
     scales = ("forces", "moments")
 
     def __post_init__(self):
-        if not isinstance(self.nodes, Indices):
-            set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "load nodes")))
-        shapes = (3,), (len(self.nodes), 3)
-        set_fields(
-            self, forces=checks.floats_of_shape(self.forces, "forces", *shapes, hint=VECTOR_HINT)
-        )
-        if self.moments is not None:
-            set_fields(
-                self,
-                moments=checks.floats_of_shape(self.moments, "moments", *shapes, hint=VECTOR_HINT),
-            )
+        set_node_numbers(self, "load nodes")
+        set_vectors(self, ("forces", "moments"), len(self.nodes), VECTOR_HINT)
 
     def forces_at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Return nodes [n] and the forces on them, [3] or [n, 3], N."""
@@ -72,16 +91,7 @@ class NodalLoads(OnNodes):
         """Raise ValueError if a node is unknown to the structure."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
-            rotating = structure.rotating_nodes()[self.nodes.array]
-            if not rotating.all():
-                k = int((~rotating).argmax())
-                raise ValueError(
-                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined to it "
-                    "rigidly"
-                )
-
-    def __str__(self) -> str:
-        return self.describe()
+            require_rotations(structure, self.nodes.array, "moments")
 
     def describe(self, units: Units = SI) -> str:
         """Return the number of loads and their sum, in `units`, as text.

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, not_negative, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
-from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..common.types import ArrayLike, Bool, Float, Int
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
-from .groups import Key
+from .groups import Key, scatter_to_elements
 from .points import ActingPoints, WithinElements
 
 _GAUSS = np.polynomial.legendre.leggauss(4)
@@ -49,7 +48,7 @@ class Path(NamedTuple):
             Places from 0 to 1, [n, k], 0 for points that are not on the element; and whether a
             point is on it.
         """
-        pack = _pack(distances, self.stations)
+        pack = checks.numpy_or_jax(distances, self.stations)
         distances = pack.reshape(distances, (1, -1))
         begin, end = self.stations[:-1, None], self.stations[1:, None]
         number = np.arange(len(self.elements))[:, None]
@@ -90,8 +89,8 @@ def path_of(
                 f"(node {at})"
             )
         backwards[k] = ends[k, 1] == at
-    nodes = structure.nodes
-    pack = _pack(nodes)
+    nodes = checks.as_numpy_if_known(structure.nodes)
+    pack = checks.numpy_or_jax(nodes)
     chord = nodes[ends[:, 1]] - nodes[ends[:, 0]]
     lengths = pack.sqrt((chord * chord).sum(axis=1))
     stations = pack.concatenate([pack.zeros(1, lengths.dtype), pack.cumsum(lengths)])
@@ -198,12 +197,14 @@ class Train(OnPath):
     def with_group_numbers(self, structure: Structure) -> ActingPoints:
         """Return the load in the form of an analysis."""
         path = self._path(structure)
-        position, forces, spacings = _known(self.position, self.forces, self.spacings)
-        pack = _pack(position, spacings)
+        position, forces, spacings = map(
+            checks.as_numpy_if_known, (self.position, self.forces, self.spacings)
+        )
+        pack = checks.numpy_or_jax(position, spacings)
         zero = pack.zeros(1, spacings.dtype)
         behind = pack.concatenate([zero, pack.cumsum(spacings)])
         place, inside = path.local_places(position - behind)
-        pack = _pack(place, forces, spacings)
+        pack = checks.numpy_or_jax(place, forces, spacings)
         # traced spacings that break their rule break that of places
         place = pack.where((spacings < 0).any(), -1.0, place)
         acting = pack.where(inside[..., None], pack.reshape(forces, (1, -1, 3)), 0.0)
@@ -267,8 +268,8 @@ class Crowd(OnPath):
     def with_group_numbers(self, structure: Structure) -> ActingPoints:
         """Return the load in the form of an analysis."""
         path = self._path(structure)
-        forces, begin, end = _known(self.forces, self.begin, self.end)
-        pack = _pack(forces, begin, end, path.stations)
+        forces, begin, end = map(checks.as_numpy_if_known, (self.forces, self.begin, self.end))
+        pack = checks.numpy_or_jax(forces, begin, end, path.stations)
         start, stop = path.stations[:-1, None], path.stations[1:, None]
         low = pack.maximum(start, pack.reshape(begin, (1, -1)))
         high = pack.minimum(stop, pack.reshape(end, (1, -1)))
@@ -296,20 +297,5 @@ class Crowd(OnPath):
 def _on_elements(structure, path, table, name, has_line=False):
     """Return `ActingPoints` with a `table` of the elements of a path, [n, k, 4]."""
     n_elem = len(structure.groups[path.group].links)
-    pack = _pack(table)
-    whole = pack.zeros((n_elem, *table.shape[1:]), table.dtype)
-    if pack is np:
-        whole[path.elements] = table
-    else:
-        whole = whole.at[path.elements].set(table)
+    whole = scatter_to_elements(n_elem, path.elements, table)
     return ActingPoints((path.group,), {path.group: whole}, has_line=has_line, name=name)
-
-
-def _known(*values: Any) -> list[Any]:
-    """Return known values as NumPy arrays, and traced ones as they are."""
-    return [x if isinstance(x, jax.core.Tracer) else np.asarray(x) for x in values]
-
-
-def _pack(*values: Float[ArrayLike, " ..."] | Float[Array, " ..."]) -> Any:
-    """Return the module `numpy`, or `jax.numpy` if any value is an array of jax."""
-    return jnp if any(isinstance(x, jax.Array) for x in values) else np

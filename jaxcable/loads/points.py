@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
@@ -23,6 +22,7 @@ from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from .groups import Key, OnGroups, group_numbers, join_columns
 from .load import Acting, Dead, Groups, OnEveryNode, Positions, States
+from .nodal import set_vectors
 
 _HINT = "; give one vector for all loads, or one for each of them"
 
@@ -192,10 +192,7 @@ class PointLoads(WithinElements):
             set_fields(self, elements=Indices(numbers))
         count = len(self.elements)
         set_fields(self, places=checks.floats_of_shape(self.places, "places", (), (count,)))
-        for name in self.scales:
-            if (value := getattr(self, name)) is not None:
-                value = checks.floats_of_shape(value, name, (3,), (count, 3), hint=_HINT)
-                set_fields(self, **{name: value})
+        set_vectors(self, self.scales, count, _HINT)
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
@@ -229,20 +226,12 @@ class PointLoads(WithinElements):
         number = self.group_index(structure)
         n_elem = len(structure.groups[number].links)
         count = len(self.elements)
-        parts = [_rows(self.places, count, 1), _rows(self.forces, count, 3)]
-        if self.moments is not None:
-            parts.append(_rows(self.moments, count, 3))
-        values = join_columns(parts)
+        given = zip((self.places, self.forces, self.moments), (1, 3, 3), strict=True)
+        values = join_columns([_rows(x, count, width) for x, width in given if x is not None])
         rows = _rows_of_elements(self.elements.array, n_elem)
-        zero = np.zeros((1, values.shape[1]))
-        if isinstance(values, np.ndarray):
-            table = np.concatenate([values, zero])[rows]
-        else:
-            table = jnp.concatenate([values, zero.astype(values.dtype)])[rows]
+        zero = np.zeros((1, values.shape[1]), values.dtype)
+        table = checks.numpy_or_jax(values).concatenate([values, zero])[rows]
         return ActingPoints((number,), {number: table}, self.has_moments)
-
-    def __str__(self) -> str:
-        return self.describe()
 
     def describe(self, units: Units = SI) -> str:
         """Return the number of forces and their sum, in `units`, as text."""
@@ -262,7 +251,7 @@ def _place_rule(places):
 
 def _rows(values, count, width):
     """Return one row of `width` numbers for each load, from one for all or one for each."""
-    pack = jnp if isinstance(values, jax.core.Tracer) else np
+    pack = checks.numpy_or_jax(values)
     each = pack.reshape(values, (-1, width))
     return pack.broadcast_to(each, (count, width))
 

@@ -150,9 +150,6 @@ class Varying(Load):
         """Raise ValueError if the load does not fit a structure."""
         self.load.check(structure)
 
-    def __str__(self) -> str:
-        return self.describe()
-
     def describe(self, units: Units = SI) -> str:
         """Return the load, in `units`, and the points of its amplitude as text."""
         parameters, factors = (checks.array_if_known(x) for x in (self.parameters, self.factors))

@@ -6,7 +6,6 @@ from typing import Any, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.negligible import vector_text
@@ -18,9 +17,9 @@ from ..common.units import SI, Units
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from ..numerics import scaled
-from .along import GEOMETRIES, pad_moments
+from .along import GEOMETRIES
 from .groups import Key, OnGroups
-from .load import Groups, Measured, OnEveryNode, Positions, States
+from .load import ForcesAlone, Measured, Positions
 from .member_values import check_member_values, require_members, with_member_factors
 from .wind_profiles import WindProfile
 
@@ -34,7 +33,7 @@ _PER_MEMBER = ("drag", "diameter", "ice", "factor")
 
 
 @pytree(static=("on", "geometry"))
-class WindLoads(OnGroups, Measured):
+class WindLoads(OnGroups, ForcesAlone, Measured):
     """Wind on cables, bars, catenaries, sliding cables and beams, across each of them.
 
     By the cross-flow principle only the part of the wind that is normal to a member presses on it,
@@ -157,19 +156,9 @@ class WindLoads(OnGroups, Measured):
         load = with_member_factors(load, structure, _PER_MEMBER, _drag_times_width)
         return copy_with(load, factor=np.ones(())) if jnp.ndim(self.factor) else load
 
-    def element_forces(
-        self,
-        groups: Groups,
-        states: States,
-        nodes: Positions,
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
-
-        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
-        """
-        total = jnp.zeros((shape[0], 3), dtype)
+    def _sum_forces(self, groups, states, nodes, dtype):
+        """Return the forces on all nodes, [n_row, 3], N."""
+        total = jnp.zeros((len(nodes), 3), dtype)
         for number in self.on:
             group = groups[number]
             if group.has_length:
@@ -177,7 +166,7 @@ class WindLoads(OnGroups, Measured):
                 count = forces.shape[1] + 1
                 total = total.at[group.links[:, : count - 1]].add(forces[:, :, 0].astype(dtype))
                 total = total.at[group.links[:, 1:count]].add(forces[:, :, 1].astype(dtype))
-        return pad_moments(total, shape)
+        return total
 
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
@@ -210,18 +199,14 @@ class WindLoads(OnGroups, Measured):
         forces = area_pressure[..., None] * (sine * across)[..., None, :]
         return self.factor * self.apply_factors(number, forces, state)
 
-    def __str__(self) -> str:
-        return self.describe()
-
     def describe(self, units: Units = SI) -> str:
         """Return direction and profile of the wind, in `units`, as text."""
         direction = checks.array_if_known(self.direction)
         towards = ""
         if direction is not None:
             towards = f" towards {vector_text(direction)}"
-        where = "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
         iced = "" if self.ice is None else ", iced"
-        return f"WindLoads{where}{towards}: {self.profile.describe(units)}{iced}"
+        return f"WindLoads{self._key_text()}{towards}: {self.profile.describe(units)}{iced}"
 
 
 def _drag_times_width(load: Any) -> Any:

@@ -25,7 +25,7 @@ from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
 from ..spaces.translations import append_low_part, drop_low_part
 from .elementwise import Elementwise, PerGroup, evaluate_elements
 from .kinks import Slackened, find_slackened, slacken
-from .load_stacks import ActiveFollowers
+from .load_stacks import LoadStack
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
 """End forces of every group."""
@@ -42,7 +42,7 @@ class System(Elementwise):
         load: dead load on every row, [n_row, n_freedom], N and N m.
         space: `Space`: supports and degrees of freedom.
         followers: following loads, which depend on the positions of the nodes, a list of
-            `load_stacks.ActiveFollowers`, or None.
+            `load_stacks.LoadStack`, or None.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -50,7 +50,7 @@ class System(Elementwise):
     states: list[ElementState]
     load: Float[Array, "n_row n_freedom"]
     space: Space
-    followers: list[ActiveFollowers] | None = None
+    followers: list[LoadStack] | None = None
 
     def without_softening(self) -> System:
         """Return a copy with laws that do not soften (`Law.without_softening`)."""

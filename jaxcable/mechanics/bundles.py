@@ -19,7 +19,6 @@ import numpy as np
 from ..common.tree import Indices, PerElement, copy_with
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Element
-from ..elements.statement import StatedValues
 from ..programs.joining import concatenate
 from ..sections import Section, padding
 
@@ -118,33 +117,6 @@ class Bundles(NamedTuple):
             parts = [_broadcast(x, (n, *each)) for x, n in zip(given, sizes, strict=True)]
             found[b] = concatenate(parts)
         return found
-
-    def join_statements(
-        self, per_group: list[dict[str, StatedValues]]
-    ) -> list[dict[str, StatedValues]]:
-        """Join what a phase states of groups, `StatedValues` by name for each, to bundles."""
-        found = []
-        for numbers in self.group_indices:
-            names = dict.fromkeys(name for k in numbers for name in per_group[k])
-            found.append({name: self._join_statement(name, numbers, per_group) for name in names})
-        return found
-
-    def _join_statement(self, name, numbers, per_group):
-        """Return `StatedValues` of statement `name` for all elements of groups `numbers`."""
-        parts = [per_group[k].get(name) for k in numbers]
-        sizes = [self.sizes[k] for k in numbers]
-        several = next(np.shape(part.values)[1:] for part in parts if part is not None)
-        values = [
-            np.zeros((n, *several)) if s is None else s.values
-            for s, n in zip(parts, sizes, strict=True)
-        ]
-        if all(stated is not None and stated.chosen is None for stated in parts):
-            return StatedValues(concatenate(values))
-        chosen = [
-            np.full(n, s is not None) if s is None or s.chosen is None else s.chosen
-            for s, n in zip(parts, sizes, strict=True)
-        ]
-        return StatedValues(concatenate(values), np.concatenate(chosen))
 
 
 def _key_of_joinable_groups(group, index):

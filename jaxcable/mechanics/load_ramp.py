@@ -27,7 +27,7 @@ from ..loads.varying import Amplitude
 from ..spaces import space_of
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Motion
-from . import activation, load_stacks
+from . import activation
 from .assembly import System
 from .elementwise import Memory, PerGroup, evaluate_elements
 from .restart_state import RestartState, make_system
@@ -64,7 +64,8 @@ class PhaseData:
             to `StatedValues`.
         added_load: nodal loads that it adds, or None.
         moved: movements of supports in it, or None.
-        dof_map: map of the degrees of freedom, with the supports of this phase.
+        dof_map: map of the degrees of freedom, with the supports of this phase. (In a `Schedule`
+            the fields of it that change, by name; so of the next one.)
         dof_map_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
         present: active elements of this phase, per group; None if all are active in all phases.
@@ -76,10 +77,10 @@ class PhaseData:
     statements: list[dict[str, StatedValues]]
     added_load: NodalIncrement | None
     moved: NodalIncrement | None
-    dof_map: DofMap
-    dof_map_before: DofMap | None
+    dof_map: Any
+    dof_map_before: Any
     present: activation.Present | None = None
-    attached: Bool[Array, ""] | None = None
+    attached: Bool[ArrayLike, ""] | None = None
 
 
 @pytree
@@ -121,9 +122,9 @@ class LoadRamp:
         """Build the ramp of a phase from its data and the `RestartState` of the phase before."""
         added = [stack.phase == data.number for stack in restart.loads]
         moved = nodes + restart.motion[:, :3]
-        pairs = zip(restart.load_factors, added, strict=True)
-        amounts = [amounts.with_start_positions(which, moved) for amounts, which in pairs]
-        restart = copy_with(restart, load_factors=amounts)
+        pairs = zip(restart.loads, added, strict=True)
+        loads = [stack.with_start_positions(which, moved) for stack, which in pairs]
+        restart = copy_with(restart, loads=loads)
         released = None
         if data.dof_map_before is not None:
             changed = None
@@ -208,13 +209,6 @@ class LoadRamp:
             load = load + (1 - parameter) * self.released
         return load
 
-    def load_factors(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.LoadFactors]:
-        """Return a list of the `LoadFactors` of element loads at a load factor of the phase."""
-        parts = zip(self.start.loads, self.start.load_factors, self.added, strict=True)
-        return [
-            amounts.with_factors(which, stack.factors(parameter)) for stack, amounts, which in parts
-        ]
-
     def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
         """Return the motion of all nodes (rows) that supports prescribe at a load factor."""
         begin = self.start.motion
@@ -283,8 +277,10 @@ class LoadRamp:
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> RestartState:
         """Return the `RestartState` of a motion and states with the loads at a load factor."""
-        loads = self.nodal_load(parameter), self.start.loads, self.load_factors(parameter)
-        return RestartState(motion, states, *loads, self.start.support_rotation)
+        pairs = zip(self.start.loads, self.added, strict=True)
+        loads = [stack.at_load_factor(which, parameter) for stack, which in pairs]
+        nodal = self.nodal_load(parameter)
+        return RestartState(motion, states, nodal, loads, self.start.support_rotation)
 
 
 def _restrict_to_supports(added, dof_map):

@@ -34,12 +34,18 @@ class LoadStack:
         late: whether a phase after the first one adds a load.
         amplitude: amplitude of each load in the phase that adds it, [m]; None if all are
             proportional to the load factor.
+        factors: what each load is multiplied by at present, [m]; None on the host, before the
+            program of an analysis begins.
+        begun: positions of the nodes at the start of the phase that adds each load, [m, n_row, 3],
+            m; None if the loads do not need them.
     """
 
     load: kinds.Acting
     phase: Int[ArrayLike, " m"]
     late: bool = False
     amplitude: Amplitude | None = None
+    factors: Float[Array, " m"] = None  # type: ignore[assignment]  # given in a program
+    begun: Float[Array, "m n_row 3"] | None = None
 
     @property
     def follows(self) -> bool:
@@ -57,9 +63,12 @@ class LoadStack:
         load, amplitude = jax.tree.map(known, (self.load, self.amplitude))
         return copy_with(self, load=load, amplitude=amplitude)
 
-    def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
-        """Return factors of the loads at a load factor of their phase, [m], or one for all."""
-        return parameter if self.amplitude is None else self.amplitude.factor_at(parameter)
+    def at_load_factor(
+        self, added: Bool[Array, " m"], parameter: Float[ArrayLike, ""]
+    ) -> LoadStack:
+        """Return the stack at a load factor of the phase that adds the loads `added`, [m] bool."""
+        now = parameter if self.amplitude is None else self.amplitude.factor_at(parameter)
+        return copy_with(self, factors=jnp.where(added, now, self.factors))
 
     def keeps_rules(self) -> Bool[Array, " m"]:
         """Return whether the numbers of each load satisfy its rules, [m] bool."""
@@ -77,20 +86,51 @@ class LoadStack:
         load: Any = self.load.with_bundle_numbers(bundles)  # only called for following loads
         return load.coupled_nodes(groups)
 
-    def initial_factors(self, begun: Float[Array, "n_row 3"], dtype: Any) -> LoadFactors:
-        """Return zero `LoadFactors` with start positions `begun`, [n_row, 3], for all loads."""
+    def before_phases(self, begun: Float[Array, "n_row 3"]) -> LoadStack:
+        """Return the stack with factors of zero, and start positions `begun`, [n_row, 3], m."""
         m = self.phase.shape[0]
         there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.needs_begin_nodes else None
-        return LoadFactors(jnp.zeros(m, dtype), there)
+        return copy_with(self, factors=jnp.zeros(m, begun.dtype), begun=there)
 
-    def weighted_sum(
-        self, amounts: LoadFactors, function: Callable[[Any], PyTree[Array]]
-    ) -> PyTree[Array]:
+    def with_start_positions(
+        self, added: Bool[Array, " m"], moved: Float[Array, "n_row 3"]
+    ) -> LoadStack:
+        """Return a copy with positions `moved` [n_row, 3] at the start of the loads `added`."""
+        if self.begun is None:
+            return self
+        return copy_with(self, begun=jnp.where(added[:, None, None], moved, self.begun))
+
+    @property
+    def acts(self) -> Bool[Array, ""]:
+        """Whether any of these loads has a factor that is not zero, scalar bool."""
+        return jnp.any(self.factors != 0)
+
+    def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
+        """Return forces on every node, [n_row, 3], N (see `Following.following_forces`)."""
+        return self.weighted_sum(lambda load: load.following_forces(*arguments))
+
+    def following_blocks(
+        self, *arguments: Any
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
+        """Return derivatives of the forces by positions (`Following.following_blocks`).
+
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
+        """
+        links = []
+
+        def blocks(load):
+            parts = load.following_blocks(*arguments)
+            links[:] = [nodes for _, nodes in parts]  # the same for all loads of a stack
+            return [block for block, _ in parts]
+
+        return list(zip(self.weighted_sum(blocks), links, strict=True))
+
+    def weighted_sum(self, function: Callable[[Any], PyTree[Array]]) -> PyTree[Array]:
         """Return the sum of factor times ``function(load)`` over all loads, a pytree or None."""
-        values = self.for_each_load(function, amounts.begun)
+        values = self.for_each_load(function, self.begun)
         if self.phase.shape[0] == 1:
-            return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
-        return jax.tree.map(lambda x: jnp.tensordot(amounts.factors, x, 1), values)
+            return jax.tree.map(lambda x: self.factors[0] * x[0], values)
+        return jax.tree.map(lambda x: jnp.tensordot(self.factors, x, 1), values)
 
     def for_each_load(
         self,
@@ -111,34 +151,6 @@ class LoadStack:
             value = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
             return jax.tree.map(lambda x: x[None], value)
         return jax.vmap(one)(leaves, begun)
-
-
-@pytree
-class LoadFactors:
-    """Present factors of the loads of a stack.
-
-    Attributes:
-        factors: what each load is multiplied by, [m].
-        begun: positions of the nodes at the start of the phase that adds each load, [m, n_row, 3],
-            m; None if the loads do not need them.
-    """
-
-    factors: Float[Array, " m"]
-    begun: Float[Array, "m n_row 3"] | None = None
-
-    def with_factors(
-        self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]
-    ) -> LoadFactors:
-        """Return a copy with new factors, [m] or one for all, of the loads `which`, [m] bool."""
-        return copy_with(self, factors=jnp.where(which, factors, self.factors))
-
-    def with_start_positions(
-        self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]
-    ) -> LoadFactors:
-        """Return a copy with positions `moved` [n_row, 3] at the start of the loads `which`."""
-        if self.begun is None:
-            return self
-        return copy_with(self, begun=jnp.where(which[:, None, None], moved, self.begun))
 
 
 def stack_loads(
@@ -180,9 +192,9 @@ def dead_load(
     """Return nodal and dead element loads of a `RestartState`, [n_row, 3 or 6], N and N m."""
     load = restart.nodal_load
     arguments = groups, restart.states, nodes, load.shape, nodes.dtype
-    for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
+    for stack in restart.loads:
         if not stack.follows:
-            load = load + stack.weighted_sum(amounts, lambda one: one.element_forces(*arguments))
+            load = load + stack.weighted_sum(lambda one: one.element_forces(*arguments))
     return load
 
 
@@ -195,13 +207,13 @@ def element_load(
     concentrated loads.
     """
     line, pressures, points = None, {}, []
-    for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
+    for stack in restart.loads:
         if not stack.follows:
             concentrated = stack.for_each_load(lambda load: load.point_loads(number, state))
             if concentrated is not None:
-                points.append(_scaled_points(concentrated, amounts.factors))
+                points.append(_scaled_points(concentrated, stack.factors))
             force = stack.weighted_sum(
-                amounts, lambda load: load.load_per_length(number, group, state, nodes)
+                lambda load: load.load_per_length(number, group, state, nodes)
             )
             if force is not None:
                 line = force if line is None else line + force
@@ -211,7 +223,7 @@ def element_load(
             pressing = load.bending_pressure(number, group)
             if pressing is not None:
                 per, pressure, axis = pressing
-                pressures.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
+                pressures.setdefault(per, []).append((stack.factors[k] * pressure, axis))
     if line is None and not pressures and not points:
         return None
     return ElementLoad(line, pressures or None, _joined_points(points))
@@ -234,44 +246,3 @@ def _joined_points(parts):
     most = max(part.shape[-1] for part in parts)
     wide = [jnp.pad(part, ((0, 0), (0, 0), (0, most - part.shape[-1]))) for part in parts]
     return wide[0] if len(wide) == 1 else jnp.concatenate(wide, axis=1)
-
-
-@pytree
-class ActiveFollowers:
-    """Follower loads of one kind with their present factors."""
-
-    stack: LoadStack
-    load_factors: LoadFactors
-
-    @property
-    def acts(self) -> Bool[Array, ""]:
-        """Whether any of these loads has a factor that is not zero, scalar bool."""
-        return jnp.any(self.load_factors.factors != 0)
-
-    def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
-        """Return forces on every node, [n_row, 3], N (see `Following.following_forces`)."""
-        return self.stack.weighted_sum(
-            self.load_factors, lambda load: load.following_forces(*arguments)
-        )
-
-    def following_blocks(
-        self, *arguments: Any
-    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
-        """Return derivatives of the forces by positions (`Following.following_blocks`).
-
-        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
-        """
-        links = []
-
-        def blocks(load):
-            parts = load.following_blocks(*arguments)
-            links[:] = [nodes for _, nodes in parts]  # the same for all loads of a stack
-            return [block for block, _ in parts]
-
-        return list(zip(self.stack.weighted_sum(self.load_factors, blocks), links, strict=True))
-
-
-def active_followers(restart: Any) -> list[ActiveFollowers] | None:
-    """Return the follower loads of a `RestartState` with their factors; None without any."""
-    pairs = zip(restart.loads, restart.load_factors, strict=True)
-    return [ActiveFollowers(*pair) for pair in pairs if pair[0].follows] or None

@@ -11,8 +11,8 @@ from ..elements.element_state import ElementState, with_fields
 from ..spaces import space_of
 from ..spaces.dof_map import DofMap
 from ..spaces.space import Motion
-from . import load_stacks
 from .assembly import System
+from .load_stacks import LoadStack, dead_load, element_load
 
 
 @pytree
@@ -23,8 +23,7 @@ class RestartState:
         motion: motion of all nodes (rows) from the initial nodes, [n_row, n_motion]; see `spaces`.
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
-        loads: element loads of all phases, a list of `LoadStack`.
-        load_factors: factors of these loads, a list of `LoadFactors`.
+        loads: element loads of all phases with their present factors, a list of `LoadStack`.
         support_rotation: rotation of every row when its support was set, see
             `RotatingNodes.support_rotation`.
     """
@@ -32,25 +31,34 @@ class RestartState:
     motion: Float[Array, "n_row n_motion"]
     states: list[ElementState]
     nodal_load: Float[Array, "n_row n_freedom"]
-    loads: list[load_stacks.LoadStack]
-    load_factors: list[load_stacks.LoadFactors]
+    loads: list[LoadStack]
     support_rotation: Float[Array, "n_row 4"] | None = None
+
+    def with_factors_alone(self) -> RestartState:
+        """Return a copy with the factors of the loads alone: all of them that phases change."""
+        bare = {"load": None, "phase": None, "amplitude": None}
+        return copy_with(self, loads=[copy_with(stack, **bare) for stack in self.loads])
+
+    def with_loads(self, loads: list[LoadStack]) -> RestartState:
+        """Return a copy with the numbers of `loads`, and the factors of its own."""
+        pairs = zip(loads, self.loads, strict=True)
+        return copy_with(
+            self, loads=[copy_with(new, factors=own.factors, begun=own.begun) for new, own in pairs]
+        )
 
 
 def initial_restart_state(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> RestartState:
     """Return the `RestartState` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
-    return RestartState(
-        space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [], []
-    )
+    return RestartState(space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [])
 
 
 def with_loads_until(
-    restart: RestartState, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]
+    restart: RestartState, loads: list[LoadStack], phase: Int[ArrayLike, ""]
 ) -> RestartState:
     """Return the `RestartState` with `loads`, but zero (also for NaN) in phases after `phase`."""
-    return copy_with(restart, loads=[stack.up_to_phase(phase) for stack in loads])
+    return restart.with_loads([stack.up_to_phase(phase) for stack in loads])
 
 
 def make_system(
@@ -71,14 +79,13 @@ def make_system(
         load: dead load, [n_row, n_freedom]; None: it is computed.
     """
     if load is None:
-        load = load_stacks.dead_load(nodes, groups, restart)
+        load = dead_load(nodes, groups, restart)
     states = [
-        with_fields(
-            state, element_load=load_stacks.element_load(number, group, state, nodes, restart)
-        )
+        with_fields(state, element_load=element_load(number, group, state, nodes, restart))
         if group.shaped_by_load
         else state
         for number, (group, state) in enumerate(zip(groups, restart.states, strict=True))
     ]
     space = space_of(groups).of(nodes, groups, dof_map, prescribed, restart.support_rotation)
-    return System(nodes, groups, states, load, space, load_stacks.active_followers(restart))
+    followers = [stack for stack in restart.loads if stack.follows] or None
+    return System(nodes, groups, states, load, space, followers)

@@ -300,9 +300,9 @@ def _restart_after_phase(last, structure, phase, end):
     `last` is the last `State` of the solution, `phase` the index of the phase, `end` its result.
     """
     restart: Any = last.restart
-    amounts = [
-        copy_with(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))
-        for stack, amount in zip(restart.loads, restart.load_factors, strict=True)
+    loads = [
+        copy_with(stack, factors=stack.factors * (np.asarray(stack.phase) <= phase))
+        for stack in restart.loads
     ]
     then, now = (values_per_group(structure, x.rest_length) for x in (end, last))
     states = []
@@ -323,4 +323,4 @@ def _restart_after_phase(last, structure, phase, end):
         motion = np.concatenate([moved, np.asarray(restart.motion)[len(moved) :]])
     else:
         motion = np.asarray(motion[-1])
-    return copy_with(restart, motion=motion, states=states, load_factors=amounts)
+    return copy_with(restart, motion=motion, states=states, loads=loads)

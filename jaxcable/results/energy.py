@@ -148,7 +148,7 @@ def energy_balance(
     with without_warnings():  # the analysis has issued them
         phases, _ = phases_with_lengths(structure, phases, method, start)
         task = prepare(structure, phases, None, start)
-    if task.without_indices[3].present is not None:
+    if task.without_indices[3].present_at_start is not None:
         raise ValueError("phases: there is no energy balance where phases add or remove elements")
     counts = task.without_indices[3].increments
     if len(counts) != len(solution.phases):

@@ -280,8 +280,9 @@ def _unstressed_state_with_zero_loads(without_indices, index_arrays, slack):
     slack; others get the distance of their initial nodes as unstressed length.
     """
     restart = without_indices[2]
-    bare, amounts = _unstressed_state(without_indices, index_arrays, slack)
-    return copy_with(bare, loads=restart.loads, load_factors=amounts)
+    bare, factors = _unstressed_state(without_indices, index_arrays, slack)
+    pairs = zip(restart.loads, factors, strict=True)
+    return copy_with(bare, loads=[copy_with(stack, factors=zero) for stack, zero in pairs])
 
 
 @as_program
@@ -294,8 +295,7 @@ def _unstressed_state(without_indices, index_arrays, slack):
     for group, is_slack, there in zip(groups, slack, present, strict=True):
         state = group.unstressed_state(nodes[group.links], is_slack)
         states.append(state if there is None else copy_with(state, present=there))
-    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in restart.load_factors]
-    return copy_with(bare, states=states), amounts
+    return copy_with(bare, states=states), [0.0 * stack.factors for stack in restart.loads]
 
 
 def _is_positive_definite(matrix):

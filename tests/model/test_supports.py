@@ -353,7 +353,7 @@ def test_free_spins_of_phases_are_stacked():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jc.InputWarning)
         schedule = prepare(structure, [phases[0], held], None, None).without_indices[-1]
-    rows, piece, ends = schedule.changes["free_spins"]
+    rows, piece, ends = schedule.phases.dof_map["free_spins"]
     assert piece.tolist() == [[0, 0, 0], [-1, -1, -1]]
     assert rows.tolist() == [[0, 1, 2], [0, 0, 0]]
     assert ends.shape == (2, 1, 2)
