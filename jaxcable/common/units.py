@@ -41,11 +41,9 @@ SYMBOLS: dict[str, dict[str, Fraction]] = {
 _KINDS = {"N": "force", "m": "length", "K": "temperature", "kg": "mass"}
 """The quantity of each base unit that has several units; s and rad have no other."""
 
-_DERIVED = {"Pa": {"N": 1, "m": -2}, "J": {"N": 1, "m": 1}}
-_TERM = r"(?:Pa|J|N|m|kg|K|s|rad)\d?"
-_PRODUCT = rf"{_TERM}(?: {_TERM})*"
-UNIT_PATTERN = rf"(?:{_PRODUCT}(?:/{_TERM})*|1(?:/{_TERM})+)"
-"""Regular expression of the unit of a quantity in SI units, such as ``N m``, ``N/m2``, ``1/K``."""
+_BASES = {base: {base: 1} for base in ("N", "m", "kg", "K", "s", "rad")}
+_BASES |= {"Pa": {"N": 1, "m": -2}, "J": {"N": 1, "m": 1}}
+"""Units of which those of quantities are products, by their powers of base units."""
 
 _WITHOUT_UNIT = ("", "-", "%")
 _SMALL_LENGTHS = {"m": "mm", "cm": "mm", "mm": "mm", "ft": "in", "in": "in"}
@@ -274,29 +272,29 @@ def _listed(names):
     return ", ".join(names)
 
 
-@functools.cache
 def is_unit(unit: str) -> bool:
     """Return whether a text is the SI unit of a quantity, such as "N/m2", or says that it has none.
 
     The text "" or "-" says this.
     """
-    return unit in _WITHOUT_UNIT or re.fullmatch(UNIT_PATTERN, unit) is not None
+    return _dimensions(unit) is not None
 
 
 @functools.cache
 def _dimensions(unit):
-    """Return the powers of the base units in a unit as pairs; see `dimensions`."""
-    if not is_unit(unit):
-        raise ValueError(f"{unit!r}: no product of N, Pa, J, m, kg, s, K and rad")
+    """Return the powers of the base units in a unit as pairs; None for what is no unit."""
     if unit in _WITHOUT_UNIT:
         return ()
-    powers: dict[str, int] = {}
     above, *below = unit.split("/")
-    terms = [(term, 1) for term in above.split(" ") if term != "1"]
+    terms = [] if above == "1" and below else [(term, 1) for term in above.split(" ")]
+    powers: dict[str, int] = {}
     for term, sign in [*terms, *((term, -1) for term in below)]:
-        base, digit = (term[:-1], int(term[-1])) if term[-1].isdigit() else (term, 1)
-        for own, power in _DERIVED.get(base, {base: 1}).items():
-            powers[own] = powers.get(own, 0) + sign * digit * power
+        base = term.rstrip("0123456789")
+        digit = term[len(base) :] or "1"
+        if base not in _BASES or len(digit) > 1:
+            return None
+        for own, power in _BASES[base].items():
+            powers[own] = powers.get(own, 0) + sign * int(digit) * power
     return tuple((base, power) for base, power in powers.items() if power)
 
 
@@ -311,7 +309,10 @@ def dimensions(unit: str) -> dict[str, int]:
         >>> dimensions("N m/rad"), dimensions("1/Pa"), dimensions("-")
         ({'N': 1, 'm': 1, 'rad': -1}, {'N': -1, 'm': 2}, {})
     """
-    return dict(_dimensions(unit))
+    powers = _dimensions(unit)
+    if powers is None:
+        raise ValueError(f"{unit!r}: no product of N, Pa, J, m, kg, s, K and rad")
+    return dict(powers)
 
 
 def scale_exactly(values: _Number, factor: Fraction) -> _Number:
