@@ -104,7 +104,7 @@ class Units:
     @property
     def is_si(self) -> bool:
         """Whether forces, lengths and temperatures are in N, m and K."""
-        return all(self._factor_of(base) == 1 for base in ("N", "m", "K"))
+        return all(self.factor(base) == 1 for base in ("N", "m", "K"))
 
     def symbol(self, base: str) -> str:
         """Return the unit in place of the base unit "N", "m", "K" or "kg"; others stay."""
@@ -113,11 +113,6 @@ class Units:
         if stated is None:
             return base if base == "K" or self.is_metric else "lb"
         return stated
-
-    def _factor_of(self, base):
-        """Return the unit in place of a base unit, in this base unit: a Fraction."""
-        kind = _KINDS.get(base)
-        return Fraction(1) if kind is None else SYMBOLS[kind][self.symbol(base)]
 
     def factor(self, unit: str) -> Fraction:
         """Return the factor from numbers in these units to the SI unit of a quantity.
@@ -130,7 +125,8 @@ class Units:
         """
         factor = Fraction(1)
         for base, power in dimensions(unit).items():
-            factor *= self._factor_of(base) ** power
+            if base in _KINDS:
+                factor *= SYMBOLS[_KINDS[base]][self.symbol(base)] ** power
         return factor
 
     def name(self, unit: str) -> str:
@@ -138,13 +134,10 @@ class Units:
         powers = dimensions(unit)
         if all(self.symbol(base) == base for base in powers):
             return unit
-        above = [self._power(base, p) for base, p in powers.items() if p > 0]
-        below = [self._power(base, -p) for base, p in powers.items() if p < 0]
+        sizes = {base: "" if abs(p) == 1 else str(abs(p)) for base, p in powers.items()}
+        above = [self.symbol(base) + size for base, size in sizes.items() if powers[base] > 0]
+        below = [self.symbol(base) + size for base, size in sizes.items() if powers[base] < 0]
         return "/".join([" ".join(above) or "1", *below])
-
-    def _power(self, base, power):
-        """Return the unit in place of a base unit with its power, as "ft2"."""
-        return self.symbol(base) + ("" if power == 1 else str(power))
 
     def from_si(self, values: _Number, unit: str) -> _Number:
         """Return numbers of a quantity, given in the SI unit `unit`, in these units.
@@ -205,7 +198,7 @@ def as_units(given: UnitsLike, what: str = "units") -> Units:
                 near = difflib.get_close_matches(str(kind), SYMBOLS, n=1)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise ValueError(
-                    f"{what}: unknown key {kind!r}; known are {_listed(SYMBOLS)}{hint}"
+                    f"{what}: unknown key {kind!r}; known are {', '.join(SYMBOLS)}{hint}"
                 )
             if not isinstance(name, str):
                 raise ValueError(f"{what}.{kind}: expected a text, got {name!r:.40}")
@@ -248,7 +241,7 @@ def _known_symbol(name, kind):
         return name
     other = next((other for other, names in SYMBOLS.items() if name in names), None)
     if other is not None:
-        known = _listed(SYMBOLS[kind])
+        known = ", ".join(SYMBOLS[kind])
         raise ValueError(f"{kind}: {name!r} is a unit of {other}; units of {kind} are {known}")
     raise ValueError(f"{kind}: {_unknown_symbol(str(name), SYMBOLS[kind])}")
 
@@ -264,12 +257,7 @@ def _unknown_symbol(word, names=None):
     near = difflib.get_close_matches(word.lower(), lower, n=3, cutoff=0.5)
     if near:
         return f"unknown unit {word!r}; did you mean {' or '.join(repr(lower[n]) for n in near)}?"
-    return f"unknown unit {word!r}; known are {_listed(known)}"
-
-
-def _listed(names):
-    """Return names as a text, with commas between them."""
-    return ", ".join(names)
+    return f"unknown unit {word!r}; known are {', '.join(known)}"
 
 
 def is_unit(unit: str) -> bool:
