@@ -7,14 +7,12 @@ from __future__ import annotations
 from argparse import Namespace
 
 from ..files import save_dxf, save_network, save_scene
+from ..files.net_units import unit_of_net_value
 from . import inputs, outputs
 from .guard import BadInput, refuse_value_errors
 
-PROPERTIES = {
-    **{"axial_stiffness": "N", "weight": "N/m", "strength": "N", "expansion": "1/K"},
-    **{"pretension": "N", "force_density": "N/m"},
-}
-"""Options with the properties that a net lacks to be a scene, and their units in SI."""
+PROPERTIES = "axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density"
+"""Options with the properties that a net lacks to be a scene."""
 
 _OMITTED = {
     ".dxf": "a drawing has no stiffnesses, prestress or loads",
@@ -72,11 +70,10 @@ def _scene_of_net(options):
     """Return the `Scene` of the net in `options.files`, with the properties that options give."""
     net, units = inputs.read_net(options), inputs.parse_units(options.units)
     properties = {}
-    for name, unit in PROPERTIES.items():
-        words = getattr(options, name)
-        if words is not None:
-            read, option = inputs.reader_of_numbers(units, unit), "--" + name.replace("_", "-")
-            properties[name] = inputs.parse_numbers(words, option, read)
+    for name in PROPERTIES:
+        if (words := getattr(options, name)) is not None:
+            read = inputs.reader_of_numbers(units, unit_of_net_value(name))
+            properties[name] = inputs.parse_numbers(words, "--" + name.replace("_", "-"), read)
     try:
         scene = net.scene(inputs.parse_anchors(options.anchors), bars=options.bars, **properties)
         return scene if units is None else scene.with_units(units)

@@ -16,7 +16,10 @@ RESULT = {
     "elements": "group,element,first,last,",
     "increments": "phase,increment,load_factor,status,",
 }
-"""Tables of a result (`files.save_result`) by name, and how the first line of each begins."""
+"""Tables of a result (`files.save_result`) by name, and how the first line of each begins.
+
+A text that ends with a comma or a bracket is the beginning of a line in which a unit follows, any
+other one the whole line."""
 
 _FORCES = "group,element,first,last,at first ("
 REPORT: dict[str, str | tuple[str, ...]] = {
@@ -50,13 +53,6 @@ REPORT: dict[str, str | tuple[str, ...]] = {
 }
 """Tables of a report (`reporting.Report.save`), likewise."""
 
-_UNITLESS = (
-    "summary",
-    "phases",
-    "slack",
-    "loose",
-)  # no column has a unit: the whole line must be that
-
 
 def path_beside(path: str, suffix: str) -> Path:
     """Return the path of a file beside a scene, with the same name and another suffix.
@@ -88,7 +84,7 @@ def files_to_write(path: str | None, tables: Mapping[str, str | tuple[str, ...]]
         return [named]
     found = {name: named.with_name(f"{named.stem}-{name}.csv") for name in tables}
     for name, file in found.items():
-        if file.is_file() and not _was_written_by_jaxcable(file, tables[name], name in _UNITLESS):
+        if file.is_file() and not _was_written_by_jaxcable(file, tables[name]):
             raise BadInput(
                 f"{file}: exists and was not written by jaxcable; {path} would replace it: give "
                 "another name"
@@ -96,12 +92,15 @@ def files_to_write(path: str | None, tables: Mapping[str, str | tuple[str, ...]]
     return list(found.values())
 
 
-def _was_written_by_jaxcable(path, line_start, whole_line):
+def _was_written_by_jaxcable(path, line_starts):
     """Return whether the first line of the file at a `Path` is that of a table of this program.
 
-    It must be the text `line_start` if that is the `whole_line`; else begin with it, and have a
-    unit, " (", in it.
+    `line_starts` is one text or several, as in `RESULT`.
     """
     with path.open("rb") as stream:
         line = stream.readline(10_000).decode("utf-8", "replace").rstrip("\r\n")
-    return line == line_start if whole_line else line.startswith(line_start) and " (" in line
+    starts = [line_starts] if isinstance(line_starts, str) else line_starts
+    return any(
+        line.startswith(start) and " (" in line if start.endswith((",", "(")) else line == start
+        for start in starts
+    )

@@ -120,7 +120,7 @@ def refuse_options_without_effect(options: Namespace, names: Sequence[str], why:
     `why` ends the message.
     """
     for name in names:
-        if getattr(options, name, None) not in (None, False, ()):
+        if getattr(options, name, None) not in (None, False, []):
             raise BadInput(f"--{name.replace('_', '-')}: {why}")
 
 

@@ -40,7 +40,7 @@ that move alike. Half the width halves that, but makes the maximum less smooth.
 """
 _NO_PRESTRESS = 1e-9
 """Sum of the pretensions over that of the start below which the optimum has none."""
-_NO_BOUNDS = (0.0, np.inf)
+_NO_BOUNDS = [0.0, np.inf]
 """Default of ``--bounds``: pretensions are then at most the strength, where there is one."""
 _SCATTER = 100
 """Ratio of the largest to the smallest pretension of a group from which a hint is given."""
@@ -228,7 +228,7 @@ def _options_in_si(options, units):
         name: value if (value := getattr(options, name)) is None else units.to_si(value, unit)
         for name, unit in given.items()
     }
-    bounds = tuple(units.to_si(bound, "N") for bound in options.bounds)
+    bounds = [units.to_si(bound, "N") for bound in options.bounds]
     return Namespace(**{**vars(options), **found, "bounds": bounds})
 
 

@@ -41,11 +41,9 @@ SYMBOLS: dict[str, dict[str, Fraction]] = {
 _KINDS = {"N": "force", "m": "length", "K": "temperature", "kg": "mass"}
 """The quantity of each base unit that has several units; s and rad have no other."""
 
-_DERIVED = {"Pa": {"N": 1, "m": -2}, "J": {"N": 1, "m": 1}}
-_TERM = r"(?:Pa|J|N|m|kg|K|s|rad)\d?"
-_PRODUCT = rf"{_TERM}(?: {_TERM})*"
-UNIT_PATTERN = rf"(?:{_PRODUCT}(?:/{_TERM})*|1(?:/{_TERM})+)"
-"""Regular expression of the unit of a quantity in SI units, such as ``N m``, ``N/m2``, ``1/K``."""
+_BASES = {base: {base: 1} for base in ("N", "m", "kg", "K", "s", "rad")}
+_BASES |= {"Pa": {"N": 1, "m": -2}, "J": {"N": 1, "m": 1}}
+"""Units of which those of quantities are products, by their powers of base units."""
 
 _WITHOUT_UNIT = ("", "-", "%")
 _SMALL_LENGTHS = {"m": "mm", "cm": "mm", "mm": "mm", "ft": "in", "in": "in"}
@@ -106,7 +104,7 @@ class Units:
     @property
     def is_si(self) -> bool:
         """Whether forces, lengths and temperatures are in N, m and K."""
-        return all(self._factor_of(base) == 1 for base in ("N", "m", "K"))
+        return all(self.factor(base) == 1 for base in ("N", "m", "K"))
 
     def symbol(self, base: str) -> str:
         """Return the unit in place of the base unit "N", "m", "K" or "kg"; others stay."""
@@ -115,11 +113,6 @@ class Units:
         if stated is None:
             return base if base == "K" or self.is_metric else "lb"
         return stated
-
-    def _factor_of(self, base):
-        """Return the unit in place of a base unit, in this base unit: a Fraction."""
-        kind = _KINDS.get(base)
-        return Fraction(1) if kind is None else SYMBOLS[kind][self.symbol(base)]
 
     def factor(self, unit: str) -> Fraction:
         """Return the factor from numbers in these units to the SI unit of a quantity.
@@ -132,7 +125,8 @@ class Units:
         """
         factor = Fraction(1)
         for base, power in dimensions(unit).items():
-            factor *= self._factor_of(base) ** power
+            if base in _KINDS:
+                factor *= SYMBOLS[_KINDS[base]][self.symbol(base)] ** power
         return factor
 
     def name(self, unit: str) -> str:
@@ -140,13 +134,10 @@ class Units:
         powers = dimensions(unit)
         if all(self.symbol(base) == base for base in powers):
             return unit
-        above = [self._power(base, p) for base, p in powers.items() if p > 0]
-        below = [self._power(base, -p) for base, p in powers.items() if p < 0]
+        sizes = {base: "" if abs(p) == 1 else str(abs(p)) for base, p in powers.items()}
+        above = [self.symbol(base) + size for base, size in sizes.items() if powers[base] > 0]
+        below = [self.symbol(base) + size for base, size in sizes.items() if powers[base] < 0]
         return "/".join([" ".join(above) or "1", *below])
-
-    def _power(self, base, power):
-        """Return the unit in place of a base unit with its power, as "ft2"."""
-        return self.symbol(base) + ("" if power == 1 else str(power))
 
     def from_si(self, values: _Number, unit: str) -> _Number:
         """Return numbers of a quantity, given in the SI unit `unit`, in these units.
@@ -207,7 +198,7 @@ def as_units(given: UnitsLike, what: str = "units") -> Units:
                 near = difflib.get_close_matches(str(kind), SYMBOLS, n=1)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise ValueError(
-                    f"{what}: unknown key {kind!r}; known are {_listed(SYMBOLS)}{hint}"
+                    f"{what}: unknown key {kind!r}; known are {', '.join(SYMBOLS)}{hint}"
                 )
             if not isinstance(name, str):
                 raise ValueError(f"{what}.{kind}: expected a text, got {name!r:.40}")
@@ -250,7 +241,7 @@ def _known_symbol(name, kind):
         return name
     other = next((other for other, names in SYMBOLS.items() if name in names), None)
     if other is not None:
-        known = _listed(SYMBOLS[kind])
+        known = ", ".join(SYMBOLS[kind])
         raise ValueError(f"{kind}: {name!r} is a unit of {other}; units of {kind} are {known}")
     raise ValueError(f"{kind}: {_unknown_symbol(str(name), SYMBOLS[kind])}")
 
@@ -266,37 +257,32 @@ def _unknown_symbol(word, names=None):
     near = difflib.get_close_matches(word.lower(), lower, n=3, cutoff=0.5)
     if near:
         return f"unknown unit {word!r}; did you mean {' or '.join(repr(lower[n]) for n in near)}?"
-    return f"unknown unit {word!r}; known are {_listed(known)}"
+    return f"unknown unit {word!r}; known are {', '.join(known)}"
 
 
-def _listed(names):
-    """Return names as a text, with commas between them."""
-    return ", ".join(names)
-
-
-@functools.cache
 def is_unit(unit: str) -> bool:
     """Return whether a text is the SI unit of a quantity, such as "N/m2", or says that it has none.
 
     The text "" or "-" says this.
     """
-    return unit in _WITHOUT_UNIT or re.fullmatch(UNIT_PATTERN, unit) is not None
+    return _dimensions(unit) is not None
 
 
 @functools.cache
 def _dimensions(unit):
-    """Return the powers of the base units in a unit as pairs; see `dimensions`."""
-    if not is_unit(unit):
-        raise ValueError(f"{unit!r}: no product of N, Pa, J, m, kg, s, K and rad")
+    """Return the powers of the base units in a unit as pairs; None for what is no unit."""
     if unit in _WITHOUT_UNIT:
         return ()
-    powers: dict[str, int] = {}
     above, *below = unit.split("/")
-    terms = [(term, 1) for term in above.split(" ") if term != "1"]
+    terms = [] if above == "1" and below else [(term, 1) for term in above.split(" ")]
+    powers: dict[str, int] = {}
     for term, sign in [*terms, *((term, -1) for term in below)]:
-        base, digit = (term[:-1], int(term[-1])) if term[-1].isdigit() else (term, 1)
-        for own, power in _DERIVED.get(base, {base: 1}).items():
-            powers[own] = powers.get(own, 0) + sign * digit * power
+        base = term.rstrip("0123456789")
+        digit = term[len(base) :] or "1"
+        if base not in _BASES or len(digit) > 1:
+            return None
+        for own, power in _BASES[base].items():
+            powers[own] = powers.get(own, 0) + sign * int(digit) * power
     return tuple((base, power) for base, power in powers.items() if power)
 
 
@@ -311,7 +297,10 @@ def dimensions(unit: str) -> dict[str, int]:
         >>> dimensions("N m/rad"), dimensions("1/Pa"), dimensions("-")
         ({'N': 1, 'm': 1, 'rad': -1}, {'N': -1, 'm': 2}, {})
     """
-    return dict(_dimensions(unit))
+    powers = _dimensions(unit)
+    if powers is None:
+        raise ValueError(f"{unit!r}: no product of N, Pa, J, m, kg, s, K and rad")
+    return dict(powers)
 
 
 def scale_exactly(values: _Number, factor: Fraction) -> _Number:

@@ -1,22 +1,28 @@
-"""Descriptions of classes and fields for the schema of scene files, taken from docstrings."""
+"""What docstrings say about classes and fields of scene files: descriptions and units.
+
+The docstring of a class is the one statement on its fields, also for classes of users. A
+description such as "weight per length, scalar or [n_elem], N/m; it acts ..." says that numbers are
+in N/m: the unit follows a comma and ends its clause. Numbers that have none say "without unit".
+"""
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-_NAMES = r"(\w+(?:, \w+)*): ?"
-_ENTRY = re.compile(
-    rf"^(?:    {_NAMES}(.*(?:\n {{5,}}.*)*)|- {_NAMES}(.*(?:\n  .*)*))", re.MULTILINE
-)
-"""Names of fields and what is said of them: in a section, or in an item of a list."""
-_OTHERS = re.compile(r"^(?:Options|Returns|Raises|Source|Example):", re.MULTILINE)
-_SAME = re.compile(r"^as (?:of|for) `(\w+)`[;.]? ?(.*)$")
+from ..common.units import is_unit
+
+OF_STATEMENT = "of the statement"
+"""What stands in place of the unit of numbers that a phase states of elements."""
+
+_OTHER_SECTIONS = ("Options:", "Returns:", "Raises:", "Source:", "Example:")
+_SAME = ("as of `", "as for `")
+_LIKE = "Arguments and errors are those of `"
 _WORDS = {"None": "null", "True": "true", "False": "false"}
 _WORD = re.compile(r"\b(None|True|False)\b")  # JSON has other words for them
 _TUPLE = re.compile(r"(`*)\((-?\w+(?:, -?\w+){2})\)\1")  # JSON has lists only
-_LIKE = re.compile(r"Arguments and errors are those of\s+`(\w+)`")
 
 
 def class_summary(cls: type) -> str:
@@ -34,28 +40,100 @@ def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]
         cls: the class.
         classes: other classes, by the names under which docstrings refer to them.
     """
-    text = _OTHERS.split(inspect.getdoc(cls) or "")[0]
-    found: dict[str, str] = {}
-    like = _LIKE.search(text)
-    if like is not None and like[1] in classes:
-        found |= field_descriptions(classes[like[1]], classes)
-    for in_section, its_words, in_list, words in _ENTRY.findall(text):
-        told = " ".join((its_words or words).split())
-        for name in (in_section or in_list).split(", "):
-            found[name] = _python_to_json_words(_resolve_reference(name, told, classes))
+    text = inspect.getdoc(cls) or ""
+    like = " ".join(text.split()).partition(_LIKE)[2].partition("`")[0]
+    found = field_descriptions(classes[like], classes) if like in classes else {}
+    for names, words in _entries(text):
+        for name in names:
+            told = _resolve_reference(name, words, classes)
+            told = _TUPLE.sub(r"[\2]", _WORD.sub(lambda word: _WORDS[word[0]], told))
+            found[name] = told.replace("``", "`")
     return found
 
 
-def _python_to_json_words(words):
-    """Return a description with None, True, False and tuples of Python written as in JSON."""
-    words = _WORD.sub(lambda found: _WORDS[found[0]], words)
-    return _TUPLE.sub(r"[\2]", words).replace("``", "`")
+def _entries(text: str) -> Iterator[tuple[list[str], str]]:
+    """Yield the names of fields in each entry of a docstring, and its words on one line."""
+    names: list[str] = []
+    words: list[str] = []
+    deeper = ""
+    for line in [*text.split("\n"), _OTHER_SECTIONS[0]]:
+        begin = next((one for one in ("    ", "- ") if line.startswith(one)), None)
+        head, colon, rest = line[len(begin or "") :].partition(":")
+        if names and line.startswith(deeper):
+            words += line.split()
+            continue
+        if names:
+            yield names, " ".join(words)
+        if line.startswith(_OTHER_SECTIONS):
+            return
+        fields = head.split(", ")
+        names = fields if begin and colon and all(map(str.isidentifier, fields)) else []
+        words, deeper = rest.split(), "  " if begin == "- " else " " * 5
 
 
-def _resolve_reference(name, words, classes):
+def _resolve_reference(name: str, words: str, classes: Mapping[str, type]) -> str:
     """Return the description of a field; for "as of `Bars`" that of the field in this class."""
-    same = _SAME.match(words)
-    if same is None or same[1] not in classes:
+    other, _, own = words.partition("`")[2].partition("`")
+    if not words.startswith(_SAME) or other not in classes:
         return words
-    own = same[2] if name in same[2].lower() else ""  # what is added there may concern another one
-    return " ".join((field_descriptions(classes[same[1]], classes).get(name, ""), own)).strip()
+    own = own[own[:1] in (";", ".") :].removeprefix(" ")
+    own = own if name in own.lower() else ""  # what is added there may concern another one
+    return " ".join((field_descriptions(classes[other], classes).get(name, ""), own)).strip()
+
+
+def unit_in_description(text: str) -> str | None:
+    """Return the unit that the description of a field states; None if it states none.
+
+    "-" is that of numbers without unit, and `OF_STATEMENT` that of what a phase states.
+    """
+    for clause in text.split(", "):
+        head = clause.partition(" (")[0]
+        for end in ".,;:)":
+            head = head.partition(end)[0]
+        if head[:1].isalnum() and is_unit(head):
+            return head
+        told = {"without unit": "-", "in the unit of what is stated": OF_STATEMENT}
+        if places := [
+            (clause.find(words), unit) for words, unit in told.items() if words in clause
+        ]:
+            return min(places)[1]
+    return None
+
+
+def field_units(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
+    """Return the unit of each field of a class whose docstring states one, a dict by field.
+
+    Args:
+        cls: the class.
+        classes: other classes, by the names under which docstrings refer to them.
+    """
+    return _field_units(cls, tuple(classes.items()))
+
+
+@functools.lru_cache(256)
+def _field_units(cls, classes):
+    """Return what `field_units` does; the classes are pairs, so that they can be hashed."""
+    described: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):  # inherited fields are described there
+        described |= field_descriptions(base, dict(classes))
+    if getattr(cls, "face", None) is not None and "weight" not in field_descriptions(
+        cls, dict(classes)
+    ):
+        # of faces it is per area, of what they derive from per length
+        described.pop("weight", None)
+    units = {name: unit_in_description(text) for name, text in described.items()}
+    return {name: unit for name, unit in units.items() if unit is not None}
+
+
+def holds_numbers(cls: type, name: str, annotation: str) -> bool:
+    """Return whether a field holds numbers that have a unit, by its annotation.
+
+    Numbers of nodes and elements, flags and texts have none. A class of a user may have no
+    annotations that say so: whatever is no index may be a number then.
+    """
+    # without postponed annotations the text is that of a class
+    annotation = annotation.removeprefix("<class '").removesuffix("'>")
+    if "Float" in annotation or annotation in ("float", "float | None"):
+        return True
+    plain = annotation in ("object", "Any", "typing.Any", "ArrayLike", "ArrayLike | None")
+    return plain and name not in getattr(cls, "_index_fields", ())

@@ -12,7 +12,7 @@ from ..common.checks import warn_user
 from ..common.units import Units, UnitsLike, as_units
 from ..elements import Cables
 from .codec import TYPES
-from .field_units import field_units
+from .field_docs import field_units
 from .nets import PRESTRESS_INPUTS, Net
 
 LARGEST_EXTENT = 1000.0

@@ -153,17 +153,12 @@ def save_scene(
         _require_analysable_with(action, f"actions[{k}]", structure, phases)
     if stated is not None:
         convert = SceneConverter(stated, to_si=False)
-        data["structure"] = convert.structure(data["structure"])
-        data["phases"] = [
-            convert.phase(phase, f"phases[{k}]", structure)
-            for k, phase in enumerate(data["phases"])
-        ]
-        if actions:
-            data["actions"] = [
-                convert.action(x, f"actions[{k}]", structure) for k, x in enumerate(data["actions"])
-            ]
+        data["structure"] = convert(data["structure"], "structure", Structure)
+        for part, cls in (("phases", Phase), ("actions", Action)):
+            for k, own in enumerate(data.get(part, ())):
+                data[part][k] = convert(own, f"{part}[{k}]", cls, structure)
         if checks:
-            data["checks"] = [convert.check(x, "checks") for x in data["checks"]]
+            data["checks"] = [convert(x, "checks") for x in data["checks"]]
         data = {"units": stated.as_dict(), **data}
     if names is not None:
         named = zip(names, data["phases"], strict=True)
@@ -232,7 +227,7 @@ def _decode_scene(data):
     units = _stated_units(data)
     try:
         if units is None:
-            return _decode_parts(data, None)
+            return _decode_parts(data, lambda part, *_: part)
         return _decode_parts(data, SceneConverter(units, to_si=True)).with_units(units)
     except UnitError:
         raise
@@ -252,18 +247,18 @@ def _stated_units(data):
 
 
 def _decode_parts(data, convert):
-    """Return the `Scene` of the data in a file, whose numbers the `SceneConverter` makes SI.
+    """Return the `Scene` of the data in a file, whose numbers `convert` makes SI.
 
-    None in its place leaves them. Raise ValueError for what cannot be analysed.
+    Its arguments are those of a `SceneConverter`. Raise ValueError for what cannot be analysed.
     """
-    part = data["structure"] if convert is None else convert.structure(data["structure"])
+    part = convert(data["structure"], "structure", Structure)
     structure = decode(part, "structure", Structure)
     phases = []
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
             raise FileError(f"phases[{k}]: expected an object, got {_abbreviate(phase)}")
         part = {key: value for key, value in phase.items() if key != "name"}
-        part = part if convert is None else convert.phase(part, f"phases[{k}]", structure)
+        part = convert(part, f"phases[{k}]", Phase, structure)
         phases.append(decode(part, f"phases[{k}]", Phase))
         if phases[-1].increments > MOST_INCREMENTS:
             count = phases[-1].increments
@@ -297,8 +292,7 @@ def _decode_checks(data, structure, convert):
     """Return the checks in a file, a list of `Check` and of names of standards."""
     checks = []
     for k, own in enumerate(data if isinstance(data, list) else [data]):
-        part = own if convert is None else convert.check(own, f"checks[{k}]")
-        checks.append(decode(part, f"checks[{k}]"))
+        checks.append(decode(convert(own, f"checks[{k}]"), f"checks[{k}]"))
     require_checks(checks, structure, "checks")
     return checks
 
@@ -314,8 +308,7 @@ def _decode_actions(data, structure, phases, convert):
         where = f"actions[{k}]"
         if not isinstance(own, dict):
             raise FileError(f"{where}: expected an object, got {_abbreviate(own)}")
-        part = own if convert is None else convert.action(own, where, structure)
-        action = decode(part, where, Action)
+        action = decode(convert(own, where, Action, structure), where, Action)
         actions.append(action)
         _require_analysable_with(action, where, structure, phases)
     return check_actions(actions) if actions else []

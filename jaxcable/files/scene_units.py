@@ -19,7 +19,7 @@ from ..design.actions import Action
 from ..elements.abilities import STATEMENTS, components_of, statements_of
 from ..model.structure import Structure, is_group
 from . import codec
-from .field_units import OF_STATEMENT, field_units, holds_numbers
+from .field_docs import OF_STATEMENT, field_units, holds_numbers
 from .reading import FileError
 
 _CONTAINERS = {"float32": "values", "list": "items", "tuple": "items"}
@@ -31,7 +31,7 @@ class UnitError(FileError):
 
 
 class SceneConverter:
-    """Convert the numbers of a structure and its phases, as plain data, between units and SI.
+    """Convert the numbers in parts of a scene, as plain data, between units and SI.
 
     Args:
         units: `Units` of the file.
@@ -41,33 +41,27 @@ class SceneConverter:
     def __init__(self, units: Units, to_si: bool):
         self.units, self.to_si = units, to_si
 
-    def structure(self, data: Any) -> Any:
-        """Return the data of a structure with converted numbers."""
-        return self._object(data, "structure", Structure, 0)
+    def __call__(
+        self, data: Any, where: str, cls: type | None = None, structure: Structure | None = None
+    ) -> Any:
+        """Return the data of an object with converted numbers.
 
-    def phase(self, data: Any, where: str, structure: Structure) -> Any:
-        """Return the data of a phase of a structure with converted numbers."""
-        return self._stage(data, where, Phase, structure)
-
-    def action(self, data: Any, where: str, structure: Structure) -> Any:
-        """Return the data of an action on a structure with converted numbers."""
-        return self._stage(data, where, Action, structure)
-
-    def check(self, data: Any, where: str) -> Any:
-        """Return the data of a check with converted numbers."""
-        return self._value(data, None, where)
-
-    def _stage(self, data, where, cls, structure):
-        """Return the data of a `Phase` or an `Action`, which state changes of elements."""
-        if not isinstance(data, dict):
-            return data
+        Args:
+            data: plain data of the object.
+            where: its place in the scene, for messages.
+            cls: its class, unless the data name it.
+            structure: for a `Phase` or an `Action`, which state changes of elements.
+        """
         found = self._object(data, where, cls, 0)
+        if structure is None or not isinstance(data, dict):
+            return found
         for name in STATEMENTS.keys() & data.keys():
             found[name] = self._statement(name, data[name], f"{where}.{name}", structure)
-        if isinstance(data.get("own"), dict):
+        if isinstance(own := data.get("own"), dict):
+            places = {name: f"{where}.own[{name!r}]" for name in own}
             found["own"] = {
-                name: self._statement(name, value, f"{where}.own[{name!r}]", structure)
-                for name, value in data["own"].items()
+                name: self._statement(name, value, places[name], structure)
+                for name, value in own.items()
             }
         return found
 
@@ -80,17 +74,17 @@ class SceneConverter:
             powers = dimensions(unit)
         except ValueError as error:
             raise UnitError(f"{where}: {error}") from None
-        if "kg" in powers and self.units.mass is None:
+        units, what = self.units, None
+        if "kg" in powers and units.mass is None:
+            what, names, one = "is a mass", "", "kg"
+        elif "K" in powers and units.temperature is None and not units.is_metric:
+            what, names, one = "depends on the unit of temperatures", ", F or C", "F"
+        if what is not None:
             raise UnitError(
-                f"{where}: is a mass, and the units {self.units} have none; add it, as in "
-                f'"{self.units}, kg"'
+                f"{where}: {what}, and the units {units} have none; add it{names}, as in "
+                f'"{units}, {one}"'
             )
-        if "K" in powers and self.units.temperature is None and not self.units.is_metric:
-            raise UnitError(
-                f"{where}: depends on the unit of temperatures, and the units {self.units} have "
-                f'none; add it, F or C, as in "{self.units}, F"'
-            )
-        factor = self.units.factor(unit)
+        factor = units.factor(unit)
         return None if factor == 1 else factor if self.to_si else 1 / factor
 
     def _object(self, data, where, implied, depth):
@@ -115,9 +109,9 @@ class SceneConverter:
                     "so that numbers in other units than SI cannot be read or written; add it, "
                     f'as in "{key}: ..., N/m." or "{key}: ..., without unit."'
                 )
-            if unit == OF_STATEMENT:
-                continue
-            found[key] = self._value(value, unit, place, codec.IMPLIED_CLASSES.get(key), depth + 1)
+            if unit != OF_STATEMENT:
+                implied = codec.IMPLIED_CLASSES.get(key)
+                found[key] = self._value(value, unit, place, implied, depth + 1)
         return found
 
     def _value(self, data, unit, where, implied=None, depth=0):
@@ -128,45 +122,39 @@ class SceneConverter:
         factor = None if unit is None or data is None else self._factor(unit, where)
 
         def convert(value, place, level):
-            if isinstance(value, dict) and level <= codec.MOST_LEVELS:
-                name = value.get("type")
-                if isinstance(name, str) and name in _CONTAINERS and implied is None:
-                    key = _CONTAINERS[name]
-                    inner = convert(value[key], place, level + 1) if key in value else None
-                    return {**value, key: inner} if key in value else value
-                if isinstance(name, str) or implied is not None:
-                    found = self._object(value, place, implied, level)
-                    if name == "Only" and factor is not None and "values" in value:
-                        found["values"] = convert(value["values"], place, level + 1)
-                    return found
-                return {k: convert(v, f"{place}[{k!r}]", level + 1) for k, v in value.items()}
-            if isinstance(value, list) and level <= codec.MOST_LEVELS:
-                if any(isinstance(item, dict) for item in value):
-                    return [convert(v, f"{place}[{k}]", level + 1) for k, v in enumerate(value)]
+            if level > codec.MOST_LEVELS:
+                return value
+            if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+                return [convert(v, f"{place}[{k}]", level + 1) for k, v in enumerate(value)]
+            if not isinstance(value, dict):
                 return value if factor is None else _scale_numbers(value, factor)
-            return value if factor is None else _scale_numbers(value, factor)
+            name = value.get("type")
+            if isinstance(name, str) and name in _CONTAINERS and implied is None:
+                found, inner = dict(value), _CONTAINERS[name]
+            elif isinstance(name, str) or implied is not None:
+                found, inner = self._object(value, place, implied, level), "values"
+                if name != "Only" or factor is None:
+                    return found
+            else:
+                return {k: convert(v, f"{place}[{k!r}]", level + 1) for k, v in value.items()}
+            if inner in value:
+                found[inner] = convert(value[inner], place, level + 1)
+            return found
 
         return convert(data, where, depth)
 
     def _statement(self, name, data, where, structure):
         """Return what a phase states in the field `name` with converted numbers."""
-        units = {
-            statement.unit
-            for group in structure.groups
-            if (statement := statements_of(group).get(name)) is not None
-        }
-        if name in STATEMENTS and not units:
-            units = {STATEMENTS[name].unit}  # no group takes it: an analysis says so
+        taken = [statements_of(group).get(name) for group in structure.groups]
+        units = {statement.unit for statement in taken if statement is not None}
         several = [g for g in structure.groups if name in STATEMENTS and components_of(g, name)]
         if several and data is not None and self.units.factor(STATEMENTS[name].unit) != 1:
             raise UnitError(
                 f"{where}: {type(several[0]).__name__} takes several numbers of {name}, whose unit "
                 "is not known; files with these are in SI only"
             )
-        if len(units) == 1:
-            return self._value(data, units.pop(), where)
-        if not units:
-            return data
+        if name in STATEMENTS or len(units) == 1:  # one that no group takes an analysis refuses
+            return self._value(data, units.pop() if units else STATEMENTS[name].unit, where)
 
         def convert(value, elements, place):
             if value is None or elements is None:
@@ -186,7 +174,7 @@ class SceneConverter:
                 "give a value for each group"
             )
 
-        return convert(data, structure.elements, where)
+        return convert(data, structure.elements, where) if units else data
 
 
 def _has_numbers(value):

@@ -53,27 +53,11 @@ _MIXED = {  # alternatives that have one definition together
     "Solution | State | None": "None",
     "Section | LinearSection": "AnySection",
 }
-SEQUENCE_TAGS = ["list", "tuple"]
-"""Names under "type" that belong to containers, not to classes."""
 
 
 def reference(name: str) -> Schema:
     """Return the schema that refers to the definition of this name."""
     return {"$ref": f"#/$defs/{name}"}
-
-
-def if_json_type(kind: str, then: Schema) -> Schema:
-    """Return a schema that applies `then` to values of the JSON type `kind`; others pass."""
-    return {"if": {"type": kind}, "then": then}
-
-
-def if_class_not_in(names: Collection[str], then: Schema, otherwise: Schema) -> Schema:
-    """Return a schema that applies `otherwise` to objects whose "type" is in `names`, else `then`.
-
-    The condition is negative so that editors offer what fits before the type has been typed.
-    """
-    other = {"type": {"not": {"enum": list(names)}, "doNotSuggest": True}}
-    return {"if": {"properties": other}, "then": then, "else": otherwise}
 
 
 def value_schema(
@@ -95,45 +79,47 @@ def value_schema(
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
     words = _union_members(ast.parse(annotation, mode="eval").body)
-    null, nothing = (["null"], [None]) if "None" in words else ([], [])
+    null = ["null"] if "None" in words else []
     arrays: dict[str, list[tuple[str, ...]]] = {}
+    ways: list[Schema] = []
     for word in words:
         if (array := _ARRAY.match(word)) is not None:
             arrays.setdefault(array[1], []).extend(_array_shapes(array[1], array[3], each))
-    ways: list[Schema] = []
-    if len(arrays) == 1:
-        ((kind, shapes),) = arrays.items()
-        ways = [_define_array_schema(kind, shapes, bound, defs, null)]
-    elif arrays:
-        ways = [
-            {
-                "anyOf": [
-                    _define_array_schema(kind, shapes, bound, defs)
-                    for kind, shapes in arrays.items()
-                ]
-            }
-        ]
-    for word in words:
-        if word in _PLAIN:
-            plain = {**_PLAIN[word], **((bound if word == "int" else None) or {})}
-            if null and isinstance(plain["type"], str):
-                plain["type"] = [plain["type"], *null]
-            ways.append(plain)
-        elif word.startswith("Literal["):
-            ways.append({"enum": [*ast.literal_eval(word.removeprefix("Literal")), *nothing]})
-        elif word in _NAMED or word in classes:
-            types, name = _NAMED.get(word, (["object"], word))
-            ways.append({"type": [*types, *null], "if": {"type": types}, "then": reference(name)})
-        elif word.startswith("Mapping[str, PyTree[Float"):
-            values = reference("statement")
-            ways.append({"type": ["object", *null], "additionalProperties": values})
-        elif word.startswith(("PyTree[Float", "PyTree[Bool")):
-            ways.append(reference("statement" if word.startswith("PyTree[Float") else "change"))
-        elif word != "None" and _ARRAY.match(word) is None:
-            return {}
+        elif word != "None":
+            ways.append(_plain_schema(word, classes, bound, null))
+    if {} in ways:  # an unknown annotation
+        return {}
+    several_kinds = [
+        _define_array_schema(kind, shapes, bound, defs, null if len(arrays) == 1 else ())
+        for kind, shapes in arrays.items()
+    ]
+    if several_kinds:
+        ways.insert(0, several_kinds[0] if len(arrays) == 1 else {"anyOf": several_kinds})
     if not ways:
         return {"type": "null"}
     return ways[0] if len(ways) == 1 else {"anyOf": ways}
+
+
+def _plain_schema(word, classes, bound, null):
+    """Return the schema of one alternative of an annotation that is no array; {} if unknown.
+
+    Null is allowed, too, if `null` is ["null"]; other arguments are those of `value_schema`.
+    """
+    if word in _PLAIN:
+        plain = {**_PLAIN[word], **((bound if word == "int" else None) or {})}
+        types = plain["type"]
+        return {**plain, "type": [types, *null]} if null and isinstance(types, str) else plain
+    if word.startswith("Literal["):
+        return {
+            "enum": [*ast.literal_eval(word.removeprefix("Literal")), *([None] if null else [])]
+        }
+    if word in _NAMED or word in classes:
+        types, name = _NAMED.get(word, (["object"], word))
+        return {"type": [*types, *null], "if": {"type": types}, "then": reference(name)}
+    if word.startswith("Mapping[str, PyTree[Float"):
+        return {"type": ["object", *null], "additionalProperties": reference("statement")}
+    trees = {"PyTree[Float": "statement", "PyTree[Bool": "change"}
+    return next((reference(name) for begin, name in trees.items() if word.startswith(begin)), {})
 
 
 def _union_members(annotation):
@@ -181,9 +167,10 @@ def _define_array_schema(kind, shapes, bound, defs, null=()):
             **(_nested_list_schema(lists, item) if lists else {}),
         }
         if kind == "Float":  # in single precision numbers are marked
-            single = tagged_object("float32", "values", {**plain, "type": types})
-            marked = [*types, "object", *null]
-            defs[name] = {"allOf": [if_json_type("object", single)], **plain, "type": marked}
+            tag = {"const": "float32", "doNotSuggest": True}
+            single = {"type": tag, "values": {**plain, "type": types}}
+            marked = {"if": {"type": "object"}, "then": closed_object(single, ["type", "values"])}
+            defs[name] = {"allOf": [marked], **plain, "type": [*types, "object", *null]}
         else:
             defs[name] = {**plain, "type": [*types, *null]}
         wanted = " or ".join(_describe_shape(word, shape) for shape in lengths)
@@ -241,19 +228,6 @@ def _list_length_limits(axis):
         return {"minItems": 1}
     least = int(axis.rstrip("+"))
     return {"minItems": least} if axis.endswith("+") else {"minItems": least, "maxItems": least}
-
-
-def tagged_object(name: str, field: str, content: Schema) -> Schema:
-    """Return the schema of an object with the fields "type", which is `name`, and `field` only."""
-    return closed_object(
-        {"type": {"const": name, "doNotSuggest": True}, field: content}, ["type", field]
-    )
-
-
-def tagged_sequence(content: Schema) -> Schema:
-    """Return the schema of {"type": "list" or "tuple", "items": [...]}, items as `content` says."""
-    kinds: Schema = {"type": {"enum": SEQUENCE_TAGS, "doNotSuggest": True}}
-    return closed_object({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
 
 
 def closed_object(properties: Mapping[str, Schema], required: list[str]) -> Schema:

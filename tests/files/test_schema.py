@@ -24,6 +24,7 @@ from jaxcable.elements.element import Element
 from jaxcable.files import FileError, codec
 from jaxcable.files.examples import load_schema_examples
 from jaxcable.files.json_format import format_json
+from jaxcable.files.scene import FORMAT, MOST_INCREMENTS, VERSION
 from jaxcable.loads.load import Load
 from jaxcable.materials.law import Law
 
@@ -84,6 +85,11 @@ def test_types_list_all_classes():
         known = defs[name]["properties"]["type"]
         assert known["enum"] == [k for k, cls in OWN.items() if issubclass(cls, base)]
         assert len(known["enum"]) == len(known["enumDescriptions"]) > 2
+    # `schema_parts.json` states again what the reader demands
+    assert CHECK.schema["properties"]["format"]["const"] == FORMAT
+    assert CHECK.schema["properties"]["version"]["enum"] == [*range(1, VERSION + 1)]
+    increments = defs["Phase"]["properties"]["increments"]
+    assert increments["maximum"] == MOST_INCREMENTS
     text = defs["elements"]["allOf"][0]["then"]["then"]["if"]["properties"]["type"]
     assert text["examples"] == defs["group"]["properties"]["type"]["enum"]
 

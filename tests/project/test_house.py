@@ -258,6 +258,7 @@ FOREIGN |= {
     "txt",
     "CHANGELOG",
     "opensees_script",
+    "schema_parts",
     "dist",
     "pypi",
     "toml",
