@@ -16,7 +16,7 @@ from jax import lax
 
 import jaxcable as jc
 from jaxcable import linear
-from jaxcable.linear import choose_solver, host
+from jaxcable.linear import choose_solver
 from jaxcable.linear.banded import solve_banded
 
 SPARSE = ["superlu", "banded", NUMPY, CHOLMOD, PARDISO]
@@ -44,18 +44,6 @@ def matrix(n, symmetric, solver, seed=0, shift=3.0):
         dense[np.ix_(rows, rows)] += block
     sparse = linear.assemble_matrix([(jnp.asarray(blocks), number)], n, pattern)
     return sparse.add_to_diagonal(shift), dense[:n, :n] + shift * np.eye(n)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_assembly_product_and_diagonal(symmetric):
-    sparse, dense = matrix(9, symmetric, "superlu")
-    v = RNG.normal(size=9)
-    assert np.abs(sparse.dense() - dense).max() < 1e-14 * np.abs(dense).max()
-    assert np.abs(sparse @ jnp.asarray(v) - dense @ v).max() < 1e-13
-    assert np.abs(linear.diagonal(sparse) - np.diag(dense)).max() < 1e-14
-    assert np.array_equal(linear.identity_unless(sparse, jnp.array(False)).dense(), np.eye(9))
-    assert np.array_equal(linear.identity_unless(sparse, jnp.array(True)).dense(), sparse.dense())
 
 
 @jax.jit
@@ -256,26 +244,6 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
     assert np.abs(x[:2] - 0.5 / scales[:2, None]).max() < 1e-15
 
 
-def test_conjugate_gradients_give_up_where_they_do_not_pay():
-    rng = np.random.default_rng(0)
-    a = rng.normal(size=(50, 50))
-    a = a @ a.T + 1e-3 * np.eye(50)
-    b = rng.normal(size=50)
-    exact = np.linalg.inv(a)
-    x = host.conjugate_gradients(lambda v: a @ v, lambda r: exact @ r, b, 1e-9, 12)
-    assert np.linalg.norm(a @ x - b) < 1e-9 * np.linalg.norm(b)
-    calls = []
-
-    def identity(r):
-        calls.append(1)
-        return r
-
-    assert host.conjugate_gradients(lambda v: a @ v, identity, b, 1e-9, 12) is None
-    assert len(calls) <= 5  # the pace is judged after four steps
-    a[0, 0] -= 1e3
-    assert host.conjugate_gradients(lambda v: a @ v, lambda r: exact @ r, b, 1e-9, 12) is None
-
-
 @pytest.mark.slow_cases("dense-9")
 @pytest.mark.parametrize(("solver", "n"), [("dense", 9), ("superlu", 9), ("superlu", 60)])
 def test_the_eigenvalue_nearest_to_zero(solver, n):
@@ -287,35 +255,6 @@ def test_the_eigenvalue_nearest_to_zero(solver, n):
     assert int(number) == np.count_nonzero(values < 0)
     assert float(value) == pytest.approx(values[nearest], rel=1e-9)
     assert abs(right @ vectors[:, nearest]) == pytest.approx(1.0, rel=1e-9)
-
-
-def kept(n):
-    """The analysis of a pattern on the host, and values of a diagonal matrix on it."""
-    pattern = chain(n, True, "superlu")[0]
-    numbers = (np.asarray(x) for x in (pattern.digest, pattern.indptr, pattern.indices))
-    return host.analysis_of_pattern(pattern.solver, True, *numbers), np.isin(
-        np.arange(len(pattern.indices)), pattern.diagonal
-    ).astype(float)
-
-
-@pytest.mark.slow
-def test_factors_and_analyses_kept_are_bounded():
-    jc.forget_programs()
-    for n in range(5, 5 + host._MOST_ANALYSES + 3):
-        analysed, one = kept(n)
-        for k in range(1, host._MOST_FACTORS + 4):
-            assert analysed.find_or_make_factor(k * one, True).solve(np.ones(n)) == pytest.approx(
-                1 / k
-            )
-        assert len(analysed.factors) == host._MOST_FACTORS and analysed.count == k
-        assert analysed.find_or_make_factor(k * one, True) and analysed.count == k  # is found again
-    assert len(host._analyses) == host._MOST_ANALYSES
-    analysed, one = kept(5)  # one that was dropped is analysed again
-    assert analysed.count == 0 and analysed.find_or_make_factor(one, True).solve(
-        np.ones(5)
-    ) == pytest.approx(1)
-    jc.forget_programs()
-    assert not host._analyses
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux tells a process its size")

@@ -290,17 +290,6 @@ def test_parallel_law_is_the_weighted_sum():
     assert law.has_rupture and law.monotone and law.n_memory == 2
 
 
-@pytest.mark.slow
-def test_a_parallel_law_in_series_with_a_spring():
-    at, unused, compliance = np.linspace(-0.04, 0.02, 50), np.zeros(2), 3e-12
-    pull = evaluate(TRIO, at, unused)[0]
-    soft, size = TRIO.in_series_with_spring(compliance), rounding(materials.steel())
-    stress, _, _, gradient, *_ = evaluate(soft, at + compliance * pull, unused)
-    # rounding of the strain over a slope that is at most three times smaller
-    assert apart(stress, pull) <= 4 * size
-    assert apart(gradient, stress) <= 4 * size
-
-
 def test_limits_and_capacity_of_a_parallel_law():
     """The first end: steel in compression, the strand in tension."""
     steel, end = materials.steel(), 0.02 / 0.9
@@ -325,17 +314,6 @@ def test_inverse_of_a_parallel_law(state):
     # rounding of the stress over the smallest slope, 2 GPa
     assert apart(got, at) <= 10 * rounding(materials.steel()) / 2e9
     assert np.isnan(invert(TRIO, [2e9], memory)[0]).all()
-
-
-def test_parallel_law_without_plastic_strains_is_the_first_loading():
-    """As of its parts: `memory=None`."""
-    at = samples(TRIO.laws[2], 100)
-    stress, _, _, gradient, distance, _ = evaluate(TRIO, at)
-    each = [evaluate(law, at) for law in TRIO.laws]
-    size = rounding(materials.steel())
-    assert apart(stress, sum(a * v[0] for a, v in zip(SHARES, each, strict=True))) <= size
-    assert apart(gradient, stress) <= size
-    assert apart(distance, np.min([v[4] for v in each], axis=0)) <= 1e-17  # the same
 
 
 def test_slack_of_a_parallel_law_is_told_strain_by_strain():

@@ -98,6 +98,9 @@ def framed(*loads, supports=HELD):
     loaded(*loads, structure=frame(supports))
 
 
+FRAMED = jc.Structure(
+    BEND[:4], {"beams": beams(), "post": jc.Bars([[2, 3]], axial_stiffness=1e4)}, HELD
+)
 HUNG = jc.Structure(
     [[-4.0, 0, 3], [1.0, 0, 2], [4.0, 0, 3], [1.0, 0, 0]],
     {
@@ -545,6 +548,9 @@ jc.solve(jc.scenes.flat_net())  # structure: got a scene; unpack it: solve(*scen
 jc.solve(net(), [])  # phases: an analysis needs at least one
 jc.solve(net())  # phases: missing; give a list such as [Phase(pretension=
 jc.trace_path(net())  # phases: missing; give a list such as [Phase
+jc.trace_path(net(), PUSHED, steps=1)  # steps = 1: expected a whole number
+jc.trace_path(net(), PUSHED, events=True)  # events = True: expected a whole number
+jc.trace_path(net(), PUSHED, method=jc.Incremental())  # method: expected Newton, got Incremental
 jc.solve(net(), push())
     # phases: expected a list of Phase, got NodalLoads; loads go into a phase: [Phase(loads
 jc.solve(net(), [push()])
@@ -567,6 +573,19 @@ jc.stiffness.natural_frequencies(HUNG, solution(), masses=np.ones(7))
     # masses: expected a scalar or shape (4,), got (7,); one mass for each node
 jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1.0), 2.0])
     # masses[1]: expected PointMasses, got float
+jc.stiffness.natural_frequencies(HUNG, solution(), n=0)  # n = 0: expected a whole number
+jc.stiffness.natural_frequencies(HUNG, solution())  # masses: no element group has a weight
+jc.stiffness.natural_frequencies(HUNG, solution(), masses=1.0, distribution="even")
+    # distribution = 'even'
+jc.stiffness.flexibility(HUNG, solution(), [99])  # nodes[0] = 99: the structure has nodes
+jc.stiffness.flexibility(HUNG, solution(), [1], axes="w")  # axes = 'w'
+jc.stiffness.imperfect(HUNG, np.zeros((2, 6, 3)), 0.0)  # shapes: expected [k, 4
+jc.stiffness.imperfect(HUNG, np.zeros((2, 4, 3)), [0.1] * 3)  # amplitudes: expected a scalar
+jc.stiffness.modes(HUNG, None, n=0)  # n = 0: expected a whole number
+jc.stiffness.modes(HUNG, None)  # state: expected a Solution or its .last
+jc.stiffness.tangent_of(HUNG, HUNG)  # state: expected a Solution ... got Structure
+jc.stiffness.tangent_of(HUNG, solution(), fixed=np.zeros((2, 3), bool))
+    # fixed: expected booleans of shape (4, 3), got (2, 3)
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
@@ -577,6 +596,43 @@ jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], soluti
     # phases[1]: has 3 increments, in the solution 1
 jc.energy_balance(HUNG, PHASES, twice(solution()))  # solution: is a batch
 jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
+## pictures
+jc.plots.net(solution(), state=solution().phases[0])  # state: expected a State
+jc.plots.net(twice(solution()))  # solution: is a batch
+jc.plots.diagram(twice(solution()), structure=HUNG)  # solution: is a batch
+jc.plots.increments(twice(solution()))  # solution: is a batch
+jc.plots.increments(solution(), tol=0)  # tol = 0: must be positive
+jc.plots.net(solution(), color="stress")  # color = 'stress'
+jc.plots.net(solution(), structure=net())  # structure: has other links
+jc.plots.net(solution(), color="utilization")  # structure: needed for color
+jc.plots.net(solution(), color="utilization", structure=HUNG)  # strength: no group has one
+jc.plots.net(solution(), axes=True)  # structure: needed for axes
+jc.plots.net(solution(), heights=0)  # heights = 0: must be positive
+jc.plots.net(solution(), names=["snow"])  # names: 1 of them, but 2 phases
+jc.plots.sequence(solution(), names=["snow"])  # names: 1 of them, but 2 phases
+jc.plots.sequence(solution(), columns=0)  # columns = 0: must be a positive integer
+jc.plots.animation(solution(), "net.gif", names=["snow"])  # names: 1 of them, but 2 phases
+jc.plots.animation(solution(), "net.mp4")  # ...expected the suffix
+jc.plots.animation(solution(), "net.gif", frames=0)  # frames = 0
+jc.plots.model(HUNG, view="front")  # view = 'front': expected
+jc.plots.diagram(solution(), "Q", structure=HUNG)  # of = 'Q': expected one of N, Vy
+jc.plots.diagram(solution(), high=0.0, structure=HUNG)  # high = 0.0: must be
+jc.plots.diagram(solution(), structure=HUNG)  # ...has no beams
+jc.plots.view(solution(), "net.png")  # path = ....html
+jc.plots.view(solution(), None, frames=2.5)  # frames =
+jc.plots.view(solution().last, None)  # ...got State; pass the solution
+jc.plots.view(solution().phases[1].path, None)  # ...got Path; ...plots.path
+jc.plots.view(3, None)  # ...expected a Solution, got int
+jc.plots.view(twice(solution()), None)  # solution: is a batch
+jc.plots.convergence([1, 2], [1, 2, 3])  # errors: expected shape (2,)
+jc.plots.convergence([1, 0], {"a": [1, 2]})  # sizes['a']: must be positive
+jc.plots.convergence([1, 2], [1, -2])  # errors: must not be negative
+jc.plots.convergence([1], {})  # errors: expected at least one
+jc.plots.work_precision({"a": [1]}, {"b": [1]})  # times: expected the labels
+jc.plots.work_precision([-1], [1])  # times: must be positive
+jc.plots.history(object())  # design: a object has no history
+jc.plots.section(BOX, np.zeros(3))  # stress: expected shape (2,), got (3,)
+jc.plots.section(jc.Section([0.0], [0.0], [1.0], STEEL))  # section: has no mesh to draw
 
 jc.results.sags(net(), 0)  # structure: has no catenaries; for the sag of a chain
 jc.results.sags(net(), 0, {"x": [0, 1]})  # state: expected a Solution, its .last or one
@@ -594,6 +650,9 @@ jc.results.node_tilts(net(), None, (0.0, 0.0))  # axis: expected shape (3,), got
 ## forms
 jc.find_form(1.0, 5.0)  # structure: expected a Structure, got float
 jc.find_form(net())  # tension: nothing is prescribed; give tension, stress, force_density or length
+jc.find_form(net(), stress=1.0)  # stress: elements has no area; give tension
+jc.find_form(net(), 1.0, method=jc.Incremental())  # method: expected Newton, got Incremental
+jc.find_form(net(), jc.only([7], 1.0))  # ...elements[0] = 7: the group has elements 0 to 2
 jc.find_form(net(elements=TWO), {"net": jc.only([0], 5.0)})
     # tension: element 1 of elements['net'] has neither tension, stress, force_density nor length
 jc.find_form(net(elements=TWO), 5.0, force_density={"tie": 2.0})
@@ -609,8 +668,19 @@ jc.find_form(net(elements={"all": TWO}), {"all": {"net": 5.0}}, jc.LineLoads(UP,
 jc.find_form(frame(), {"stay": 5.0}, jc.SupportMovement([2], UP))
     # phases[0].loads[0]: ...
 jc.force_density(frame(), 5.0)  # elements['beam'] (Beams) is not made of straight elements
+jc.force_density(net(elements=TWO), {"net": 1.0, "tie": None})
+    # q: element 0 of elements['tie'] has no force density
+jc.force_density(net(), np.ones(4))  # q: expected a scalar or shape
+jc.force_density(1.0, 1.0)  # structure: expected a Structure, got float
+jc.force_density(net(), 1.0, None, "lu")  # linear_solver = 'lu'
+jc.force_density(net(), 1.0, jc.SelfWeight())  # SelfWeight: no element group has a weight
 jc.forms.dynamic_relaxation(net(supports=jc.restrained([0, 2, 3], "x", axes=(1.0, 1.0, 0))), 5.0)
     # supports: this function takes supports along x, y, z only
+jc.forms.dynamic_relaxation(net(), 1.0, jc.only([1], 1.0))
+    # tension, rest_length: element 1 of elements has both
+jc.forms.dynamic_relaxation(net(), 1.0, start=np.zeros((2, 3)))  # start: expected shape (4, 3), got
+jc.forms.dynamic_relaxation(net(), loads=jc.SelfWeight())
+    # loads[0]: SelfWeight is not known ... takes NodalLoads
 
 ## design
 jc.minimize(lambda T: None, np.ones(2))
@@ -623,6 +693,8 @@ jc.minimize(lambda x: jnp.sum(x ** 2), jnp.ones(2), scale=np.nan)
     # scale = nan: must be positive and finite
 jc.fit(lambda p: solution(), jnp.ones(2))
     # residuals: expected floats, or (floats, solution), got a Solution
+jc.fit(lambda p: p, jnp.ones(2), tol=1.0)  # tol = 1.0: must be at least 0 and below 1
+jc.minimize(lambda p: p @ p, jnp.ones(2), tol=np.ones(2))  # tol: expected a scalar, got shape (2,)
 design.minimize_subject_to(lambda p: (p @ p, p), jnp.ones(2), rounds=0)
     # rounds = 0: expected a whole number
 Target(3)  # of: expected the name of a result or a function, got int
@@ -646,10 +718,18 @@ tuned([PAIR], 5)  # targets: expected a list of Target, got int
 jc.influence(HUNG, PHASES, of="tensions")  # of = 'tensions': ...did you mean 'tension'
 jc.influence(HUNG, PHASES, wrt="shortenings")  # wrt = 'shortenings': ...did you mean 'shortening'
 jc.influence(HUNG, PHASES, phase=0.5)  # phase = 0.5: there are phases 0 to 1
+jc.influence(HUNG, PHASES, wrt="jacking")  # wrt = 'jacking': no phase states a jacking
+jc.influence(HUNG, PHASES, wrt="pretension", phase=1)  # ...phase 1 does not state a pretension
+jc.influence(HUNG, PHASES, wrt="temperature", phase=0)  # ...'temperature': no group
+jc.influence(HUNG, [])  # phases: there are none, and no start
+design.solve_cases(HUNG, PHASES[0], [PUSHED, Phase(loads=push([1, 1]))])
+    # cases[1]: differs from cases[0]
+design.solve_cases(HUNG, PHASES[0], [])  # cases: expected at least one
 design.adjustment(jnp.eye(2), jnp.ones(3))
     # jacobian: has shape [2, 2], which does not end with 3 inputs
 design.propagate_tolerances(jnp.eye(2), jnp.ones(3))
     # tolerance: expected shape (2,), as the inputs have, got (3,)
+design.propagate_tolerances({"a": jnp.eye(2)}, 1e-5)  # tolerance: expected arrays
 design.confidence(3)  # fit: expected the result of fit, got int
 design.confidence(twice(a_fit()))  # fit: a batch of shape (2,)
 design.confidence(a_fit(), deviation=0.0)  # deviation = 0.0: must be posi
@@ -693,6 +773,8 @@ design.CableFatigue(category="rope")  # category = 'rope': expected one of prest
 design.MemberSection()  # cross-section: profile, yield_strength: missing
 design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
 design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
+design.MemberSection(profile=TUBE, yield_strength=235e6).chosen(FRAMED)
+    # ...elements: missing; say which of 'beams', 'post'
 design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
     # section_class = 4: expected 1, 2 or 3
 design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)

@@ -96,16 +96,6 @@ def test_batches():
     np.testing.assert_allclose(found[0] + 4 * found[1], expected, rtol=1e-11)
 
 
-def test_roots_of_jax_lose_them():
-    """Why there is `implicit_root`: jax 0.10 loses second derivatives, jax 0.12 does not."""
-    found = jax.jvp(jax.grad(lambda p: chain(p, True, by_jax)), (AT,), (ALONG,))[1]
-    if jax.__version_info__ < (0, 11):
-        np.testing.assert_array_equal(found, 0.0)
-    elif jax.__version_info__ >= (0, 12):
-        expected = jax.jvp(jax.grad(chain), (AT,), (ALONG,))[1]
-        np.testing.assert_allclose(found, expected, rtol=1e-11)
-
-
 def test_the_loop_that_finds_a_root_in_an_interval():
     def square_root(p):
         return bracketed_root(lambda x: x * x - p, 1.0 + 0 * p, 0.1, 10.0)

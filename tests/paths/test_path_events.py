@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import rods
 import scenes
-from banks.problems import INSTALLED
 from oracles.traced import traced
-from scenes.frames import in_plane, solid
+from scenes.frames import solid
 
 import jaxcable as jc
 
@@ -16,10 +15,6 @@ import jaxcable as jc
 def ok(path, code=0):
     assert int(path.status) == code, jc.describe(path.status)
     return path
-
-
-def in_a_row(n):
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
 
 
 # --- loads that follow: the tangent is not symmetric
@@ -180,42 +175,3 @@ def test_lee_frame():
     k = np.flatnonzero(down > w)[0]
     between = np.interp(w, down[k - 1 : k + 1], 30 * np.asarray(path.load_factor)[k - 1 : k + 1])
     assert abs(between - rods.lee_frame(w, guess)[3]) < 5e-3  # of the chord between two points
-
-
-@pytest.mark.slow
-def test_an_arch_of_358_unknowns_on_every_solver():
-    """A shallow arch of 120 beams under a load beside its crown: the limit load is one."""
-    n, radius, side = 120, 10.0, 0.06
-    angle = np.linspace(-0.5, 0.5, n + 1)
-    rise = np.cos(angle) - np.cos(0.5)
-    nodes = radius * np.column_stack([np.sin(angle), 0 * angle, rise])
-    section = solid(side**2, side**4 / 12, 210e9)
-    beams = jc.Beams(in_a_row(n), section=section, torsional_stiffness=1e5, up=(0.0, 1.0, 0.0))
-    structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, pinned=[0, n]))
-    force = 40 * 210e9 * side**4 / 12 / radius**2
-    load = jc.NodalLoads([60, 67], [(0, 0, -force), (0, 0, -0.1 * force)])
-    loads = []
-    for solver in INSTALLED:
-        method = jc.Newton(linear_solver=solver)
-        path = ok(jc.trace_path(structure, jc.Phase(loads=load), method, through=False), 12)
-        loads.append(float(path.failure_load))
-    # forces of 40 EI / R^2 in balance to 1e-10 of the largest in the arch
-    assert np.ptp(loads) < 1e-8 and abs(loads[0] - 0.50252495) < 1e-7
-
-
-@pytest.mark.slow
-def test_a_dome_twists():
-    """The path goes straight on where corrections could fall onto the twisted branch."""
-    path = ok(jc.trace_path(*scenes.geiger_dome(load=500.0)))
-    assert path.events.names == ["bifurcation"] and float(path.events.alignment[0]) < 1e-6
-    structure, (prestress, loading) = scenes.geiger_dome(load=500.0)
-
-    @traced
-    def lowest(factor):
-        forces = factor * jnp.asarray(loading.loads.forces)
-        load = jc.replace(loading, loads=jc.replace(loading.loads, forces=forces))
-        solution = jc.solve(structure, [prestress, load])
-        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0]
-
-    at = float(path.events.load_factor[0])
-    assert float(lowest(at * (1 - 1e-6))) > 0 > float(lowest(at * (1 + 1e-6)))

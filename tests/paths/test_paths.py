@@ -10,7 +10,6 @@ from banks.problems import SOLVERS, two_links
 from oracles.traced import traced
 
 import jaxcable as jc
-from jaxcable import paths
 from jaxcable.common import status
 from jaxcable.scenes import von_mises_truss
 
@@ -234,13 +233,6 @@ def test_derivative_of_the_limit_load():
 
 
 @pytest.mark.slow
-def test_derivative_of_a_failure_load_that_is_none():
-    """Up to a tenth of the limit load nothing happens: NaN, and so are its derivatives."""
-    (load, code), gradient = jax.value_and_grad(failure, has_aux=True)(USUAL, 0.05)
-    assert int(code) == 0 and np.isnan(load) and np.isnan(gradient).all()
-
-
-@pytest.mark.slow
 def test_second_derivatives_of_a_limit_load_are_nan():
     second = traced(jax.jacfwd(jax.jacrev(lambda p: failure(p, 1.0)[0])))(USUAL)
     assert np.isnan(second).all()  # exact at first order only, and says so
@@ -436,24 +428,3 @@ def test_collapse_without_limit_point_ends_with_a_reason():
     short = jc.trace_path(*plastic_hanger(1.0), steps=40)
     assert int(short.status) == status.EXCESSIVE_DEFORMATION
     assert "given way" in jc.describe(short.status) and np.isnan(short.failure_load)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"until": 0.0}, "until.* must be positive"),
-        ({"down_to": 0.5}, "down_to.* must be negative"),
-        ({"step": -1.0}, "step.* must be positive"),
-        ({"tol": 0.0}, "tol.* must be positive"),
-        ({"steps": 1}, "steps = 1: expected a whole number"),
-        ({"events": True}, "events = True: expected a whole number"),
-        ({"method": jc.Incremental()}, "method: expected Newton, got Incremental"),
-    ],
-)
-def test_wrong_arguments(change, message):
-    with pytest.raises(ValueError, match=message):
-        jc.trace_path(*von_mises_truss(), **change)
-
-
-def test_kinds_have_names():
-    assert set(paths.FAILURES) < set(paths.NAMES)

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 from banks.shapes import beam, pieces
 from oracles.convergence import converged
-from oracles.taylor import assert_gradient
 from oracles.traced import traced
 from scenes.frames import in_plane, solid
 
@@ -429,21 +428,3 @@ def test_the_lowest_of_all_roots(stable):
             if np.isfinite(f):
                 left = (before + float(f) * (after - before)) @ mode
                 assert np.abs(left).max() < 1e-8 * np.abs(before @ mode).max() * float(f)
-
-
-@pytest.mark.parametrize("stable", [True, False])
-def test_derivatives_of_a_pencil(stable):
-    """By all entries of both matrices, on both sides of which one is stable."""
-    pair = np.stack(pencil(3, stable))
-
-    def lowest(shift):
-        before, after = pair + np.abs(pair).max() * (shift - 1)
-        return jnp.log(buckling._solve_buckling_problem(before, after, 1)[0][0])
-
-    gradient = assert_gradient(lowest, np.ones_like(pair), 0.05, corrupted=1.05)
-    assert float(jnp.abs(gradient).max()) > 0.1
-
-
-def test_neither_is_stable():
-    bad = -jnp.eye(8)
-    assert bool(jnp.isnan(solve_pencil(bad, 2 * bad, n=3)[0]).all())
