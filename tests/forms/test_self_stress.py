@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 from oracles.taylor import assert_gradient
 from oracles.traced import traced
 from scipy.optimize import brentq
@@ -276,8 +275,6 @@ def test_traced_nodes_with_several_modes_give_no_numbers():
     assert np.isnan(pushing(SIMPLEX.nodes)).all()  # cables would be in compression
     with pytest.raises(ValueError, match="group: the nodes are traced by jax"):
         traced(lambda n: forms.feasible_prestress(moved(n)).tension)(structure.nodes)
-    with pytest.raises(ValueError, match="self_stress: the nodes are traced by jax"):
-        traced(lambda n: forms.self_stress(moved(n)).tensions)(structure.nodes)
 
 
 # --- symmetry
@@ -303,43 +300,6 @@ def replaced(**changes):
 
 def prestress(*groups, **options):
     return lambda: forms.feasible_prestress(SIMPLEX, *groups, **options)
-
-
-ONE_VERTICAL = {**SIMPLEX.elements, "verticals": jc.Cables([[0, 3]], 1.0)}
-
-
-@pytest.mark.parametrize(
-    ("ask", "message"),
-    [
-        (lambda: forms.symmetric_groups(SIMPLEX, 4), r"nodes\[\d\]: its image .* from any node"),
-        (lambda: forms.symmetric_groups(SIMPLEX, 0), "fold = 0"),
-        (
-            lambda: forms.symmetric_groups(replaced(elements=ONE_VERTICAL), 3),
-            r"links: no element of elements\['verticals'\] joins nodes",
-        ),
-        (
-            lambda: forms.self_stress(scenes.strung_arch(n=8)[0]),
-            r"elements.* \(Beams\) is not made of straight elements",
-        ),
-        (
-            lambda: forms.self_stress(replaced(nodes=SIMPLEX.nodes * np.nan)),
-            r"nodes\[0\] = .*: must be finite",
-        ),
-        (
-            lambda: forms.self_stress(replaced(supports=jc.pinned(range(6)))),
-            "supports: they hold every degree of freedom",
-        ),
-        (prestress([0, 1]), "groups: expected"),
-        (prestress(np.zeros(12)), "groups: expected integers"),
-        (prestress(np.full(12, -1)), r"groups\[0\] = -1: group numbers start at 0"),
-        (prestress(3 * np.eye(12, dtype=int)[0]), "groups: no element is in group 1"),
-        (prestress(GROUPS, group=4), "there are groups 0 to 3"),
-        (prestress(GROUPS, group=VERTICAL, tension=-1.0), "cables would be in compression"),
-    ],
-)
-def test_refused(ask, message):
-    with pytest.raises(ValueError, match=message):
-        ask()
 
 
 def test_results_are_in_the_shape_of_the_elements():

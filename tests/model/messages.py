@@ -114,6 +114,10 @@ PHASES = [
     Phase(loads=jc.NodalLoads([1], (0, 0, -100.0))),
 ]
 PAIR = (0, "pretension")
+SIMPLEX = jc.scenes.simplex().structure
+ONE_VERTICAL = jc.replace(
+    SIMPLEX, elements={**SIMPLEX.elements, "verticals": jc.Cables([[0, 3]], 1.0)}
+)
 
 
 @functools.cache
@@ -348,6 +352,47 @@ polygon(SQUARE, [[[0.2, 0.2], [0.6, 0.7], [0.6, 0.2], [0.2, 0.6]]])
 polygon(SQUARE, [[[0.5, 0.5], [1.5, 0.5], [1.5, 0.7], [0.5, 0.7]]])
     # points: a hole crosses it ...: the edge from points[1] to points[2] crosses that from
     # holes[0][0] to holes[0][1]
+jc.Section.disc(0.1, STEEL, (0, 5))  # shape = (0, 5): expected 2 integers
+jc.Section.disc([0.1, 0.2], STEEL)  # ...dimension: expected a scalar, got shape (2,)
+jc.Section.disc(0.1, STEEL, (2, 2), "hex")  # cells = 'hex': expected one of
+jc.Section.ring(0.3, 0.01, STEEL, 16)  # shape = 16: expected 2
+jc.Section.ring(0.3, 0.0, STEEL)  # thickness = 0.0: must be positive
+jc.Section.ring(0.3, 0.01, STEEL, (1, 2))  # shape = (1, 2): ... at least (1, 3)
+jc.Section.rectangle(0.0, 1.0, STEEL)  # width = 0.0: must be positive
+jc.Section.rectangle(1.0, -1.0, STEEL)  # height = -1.0: must be positive
+jc.Section.rectangle(1.0, 1.0, STEEL, (2.0, 2))  # shape = (2.0, 2): expected 2 integers
+jc.Section.i_shape(0.4, 0.2, 0.0, 0.01, STEEL)  # web = 0.0: must be positive
+jc.Section.i_shape(0.4, 0.2, 0.01, 0.2, STEEL)  # flange = 0.2: twice is too thick
+jc.Section.i_shape(0.4, 0.2, 0.01, 0.01, STEEL, (4, 4))  # shape = (4, 4): ...3 integers
+jc.Section.box(0.2, 0.4, 0.1, STEEL)  # thickness = 0.1: twice is too thick
+jc.Section.box(0.4, 0.2, 0.01, STEEL, 0.1)  # flange = 0.1: twice is too thick
+jc.Section.box(0.4, 0.02, 0.01, STEEL)  # thickness = 0.01: twice is too thick
+jc.Section.box(0.4, 0.0, 0.01, STEEL)  # height = 0.0: must be positive
+polygon([[0, 0], [1, 1]])  # points: ... n >= 3, got (2, 2)
+polygon(SQUARE, [[[0, 0, 0]]])  # holes[0]: expected shape [n, 2]
+jc.Section.polygon(SQUARE, None, STEEL, 0.0)  # size = 0.0: must be positive
+jc.Section.polygon(SQUARE, None, STEEL, np.inf)  # size = inf: must be finite
+traced(lambda p: polygon(p).area, np.array(SQUARE, float))  # points: cannot be traced; use
+jc.Section.mesh(SQUARE, [[0, 1]], STEEL)  # cells: expected ... [n_cell, 4], got (1, 2)
+jc.Section.mesh(SQUARE, [[0, 1, 2], [0, 2, 4]], STEEL)  # cells[1] = ...4...: there are 4
+jc.Section.mesh(SQUARE, [[0, 1, 2.5]], STEEL)  # cells: expected integers, got float64
+jc.Section.mesh(PLAN, [[0, 1, 2]], STEEL)  # points: ...[n_point, 2], got (4, 3)
+jc.Section.mesh(SQUARE, [[0, 1, 2]], [STEEL, STEEL])
+    # laws: expected one, or 1, one per cell, got 2
+jc.Section.mesh([[0, 0], [1, 0], [2, 0]], [[0, 1, 2]], STEEL)  # area[0] = ...positive
+jc.Section.composite([BOX, YIELDING], 1)  # torsion: expected shape (2,)
+jc.Section.composite([BOX], [1.0, 2.0])  # torsion: expected a scalar, ... got shape (2,)
+jc.Section.composite([])  # sections: is empty; a composite needs
+jc.sections.bredt_torsion(SQUARE, [0.1, 0.1])  # thickness: ...shape (4,), ... got shape (2,)
+jc.sections.bredt_torsion([[0, 0], [1, 1], [2, 2]], 0.1)  # points: all on one straight line
+jc.Section([[0.0]], [0.0], [1.0], STEEL)  # y: expected shape [n_fibre]
+jc.Section([0.0], [0.0, 1.0], [1.0], STEEL)  # z: expected shape [n_fibre] as y
+jc.Section([0.0], [0.0], [1.0], (STEEL, STEEL), (1,))
+    # counts = (1,): ..., 2 numbers with the sum 1
+jc.replace(BOX, own=[[1.0, 1.0]])  # own: expected shape [n_fibre, 3]
+YIELDING.interaction(16, 1)  # n_axial = 1: expected at least 2
+BOX.interaction()  # interaction: ... no law of it has a rupture strain
+ANGLE.torsional_stiffness()  # ...torsional_stiffness: missing
 polygon(SQUARE, [[[2, 2], [3, 2], [3, 3]]])  # holes[0][0] = [2.0, 2.0]: outside of the outline
 polygon([[0, 0], [1, 1], [2, 2], [3, 3]])
     # points: all on one straight line, which encloses no area
@@ -674,6 +719,21 @@ jc.force_density(net(), np.ones(4))  # q: expected a scalar or shape
 jc.force_density(1.0, 1.0)  # structure: expected a Structure, got float
 jc.force_density(net(), 1.0, None, "lu")  # linear_solver = 'lu'
 jc.force_density(net(), 1.0, jc.SelfWeight())  # SelfWeight: no element group has a weight
+jc.forms.symmetric_groups(SIMPLEX, 4)  # nodes[...]: its image ... from any node
+jc.forms.symmetric_groups(SIMPLEX, 0)  # fold = 0
+jc.forms.symmetric_groups(ONE_VERTICAL, 3)
+    # links: no element of elements['verticals'] joins nodes
+jc.forms.self_stress(frame())  # elements['beam'] (Beams) is not made of straight elements
+jc.forms.self_stress(jc.replace(SIMPLEX, nodes=SIMPLEX.nodes * np.nan))  # nodes[0] = ...finite
+jc.forms.self_stress(jc.replace(SIMPLEX, supports=jc.pinned(range(6))))
+    # supports: they hold every degree of freedom
+traced(lambda v: jc.forms.self_stress(jc.replace(SIMPLEX, nodes=v)).tensions, SIMPLEX.nodes)
+    # self_stress: the nodes are traced by jax
+jc.forms.feasible_prestress(SIMPLEX, [0, 1])  # groups: expected
+jc.forms.feasible_prestress(SIMPLEX, np.zeros(12))  # groups: expected integers
+jc.forms.feasible_prestress(SIMPLEX, np.full(12, -1))  # groups[0] = -1: group numbers start at 0
+jc.forms.feasible_prestress(SIMPLEX, 3 * np.eye(12, dtype=int)[0])  # groups: no element is in
+jc.forms.feasible_prestress(SIMPLEX, np.arange(12), group=12)  # ...there are groups 0 to 11
 jc.forms.dynamic_relaxation(net(supports=jc.restrained([0, 2, 3], "x", axes=(1.0, 1.0, 0))), 5.0)
     # supports: this function takes supports along x, y, z only
 jc.forms.dynamic_relaxation(net(), 1.0, jc.only([1], 1.0))

@@ -226,16 +226,6 @@ def _regular_solve(K, f):
 # Closed forms -----------------------------------------------------------------------------------
 
 
-def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
-    """Critical uniform moment of a fork-ended beam without warping; EIy carries the moment.
-
-    Timoshenko & Gere, Theory of Elastic Stability, ch. 6; with the curvature before buckling:
-    Trahair, Flexural-Torsional Buckling of Structures (after Michell 1899).
-    """
-    moment = np.pi / L * np.sqrt(EIz * GJ)
-    return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment
-
-
 def offset_cantilever(P, N, L, EA, EI, e):
     """Tip (u along x, w along z, slope w' = -rotation about y) of the axis of the nodes.
 

@@ -302,18 +302,6 @@ def test_a_column_far_beyond_and_in_tension():
     assert np.isinf(buckling_factor(*column(2, "free", -1.0), n=2).factor).all()
 
 
-def test_a_column_with_a_moment_is_taken_as_semi_tangential():
-    structure, solution = column(2, "free", moment=10.0)
-    mask = np.array(structure.supports.mask)
-    # in its plane the work of a moment is that of one angle
-    factor = buckling_factor(structure, solution).factor[0]
-    assert bool(jnp.isfinite(factor))
-    mask[1:] = False  # free to turn about all axes it has no potential
-    with pytest.warns(jc.InputWarning, match="semi-tangential"):
-        free = buckling_factor(structure, solution, fixed=mask).factor[0]
-    assert 0 < free <= factor * (1 + 1e-9)  # more freedoms, and none of them held
-
-
 # --- moments on nodes, in space: strips and shafts by closed forms
 
 STRIP = (0.02, 1.0)  # m: about z 2500 times softer than about y
