@@ -137,7 +137,7 @@ def test_converged_means_near_the_minimum(name):
     ids=["adam", "gradient descent"],
 )
 def test_crawling_is_not_converged(loss, start, optimizer):
-    found = jc.minimize(loss, jnp.array(start), optimizer=optimizer, steps=1000)
+    found = jc.minimize(loss, jnp.array(start), optimizer=optimizer, steps=200)
     assert int(found.status) == status.OUT_OF_STEPS
     assert jc.describe(found.status).startswith("maximum number of optimization steps reached")
 

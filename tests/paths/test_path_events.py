@@ -4,8 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import rods
-import scenes
 from oracles.traced import traced
 from scenes.frames import solid
 
@@ -129,49 +127,3 @@ def test_a_ring_under_pressure_buckles_in_two_modes_at_once(per):
 
 
 # --- frames
-
-
-@pytest.mark.slow
-def test_toggles_of_any_size_have_the_limit_loads_of_rods():
-    """Williams' toggle, and the same shrunk to 2.6 mm: quaternions are no lengths."""
-    structure, (phase,) = scenes.toggle_frame(4)
-    section = structure.elements.section
-    paths = []
-    for size in (1.0, 1e-4):  # lengths times s, areas and forces times s^2
-        small = jc.replace(section, y=size * section.y, z=size * section.z)
-        small = jc.replace(small, area=size**2 * section.area)
-        beams = jc.replace(
-            structure.elements, section=small, torsional_stiffness=np.float64(size**4)
-        )
-        loads = jc.replace(phase.loads, forces=size**2 * phase.loads.forces)
-        scene = jc.replace(structure, nodes=size * structure.nodes, elements=beams)
-        paths.append(ok(jc.trace_path(scene, jc.replace(phase, loads=loads))))
-    exact = [load for load, _ in rods.toggle_limits()]
-    for path in paths:
-        assert path.events.names == ["limit point"] * 2
-        # shallow local strain: of order 4 in the element, 7e-4 with four a side
-        assert np.allclose(80 * path.events.load_factor, exact, rtol=1e-3)
-    # the same steps, whose corrections end at 1e-10 of the forces
-    np.testing.assert_allclose(paths[1].load_factor, paths[0].load_factor, rtol=1e-7)
-    np.testing.assert_allclose(
-        1e4 * paths[1].displacement[-1], paths[0].displacement[-1], rtol=1e-7, atol=1e-7
-    )
-
-
-@pytest.mark.slow
-def test_lee_frame():
-    guess = np.array([np.pi / 2, 0, -0.1, 0.1])
-    for w in np.arange(1, 49.0):
-        guess = rods.lee_frame(w, guess)
-    limit, _ = rods.lee_limit(48.7, guess)
-    path = ok(jc.trace_path(*scenes.lee_frame(2)))
-    assert path.events.names == ["limit point"] * 2
-    first = 30 * float(path.events.load_factor[0])
-    assert abs(first / limit - 1) < 5e-5  # of order 4; 2.3e-5 with 20 elements
-    assert abs(first / 1.8552 - 1) < 5e-4  # published, with shear
-    down = -np.asarray(path.displacement)[:, 12, 2]
-    assert np.diff(down).min() < -0.1  # it snaps back
-    w = 40.0  # on the way up
-    k = np.flatnonzero(down > w)[0]
-    between = np.interp(w, down[k - 1 : k + 1], 30 * np.asarray(path.load_factor)[k - 1 : k + 1])
-    assert abs(between - rods.lee_frame(w, guess)[3]) < 5e-3  # of the chord between two points
