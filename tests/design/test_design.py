@@ -1,4 +1,4 @@
-"""Influence, objectives, load cases, distance to slackening: against NumPy and closed forms."""
+"""Influence, objectives, distance to slackening: against NumPy and closed forms."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""Sparse solvers against dense algebra: patterns, factors, conjugate gradients, transformations."""
+"""Sparse solvers against dense algebra: factors, batches, singular matrices, transformations."""
 
 import itertools
 import threading

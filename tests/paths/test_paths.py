@@ -404,3 +404,81 @@ def test_collapse_without_limit_point_ends_with_a_reason():
     short = jc.trace_path(*plastic_hanger(1.0), steps=40)
     assert int(short.status) == status.EXCESSIVE_DEFORMATION
     assert "given way" in jc.describe(short.status) and np.isnan(short.failure_load)
+
+
+# --- loads that follow: the tangent is not symmetric
+
+
+@pytest.mark.slow
+def test_a_load_that_follows_makes_no_bifurcation():
+    """The symmetric part of the tangent is singular elsewhere; the limit load has a derivative."""
+    nodes = np.array([[0, 0, 1], [-1, 0, 0], [1, 0, 0], [-0.2, -1, 0.9], [0.2, 1, 1.1]])
+    held = np.ones((5, 3), bool)
+    held[0, [0, 2]] = False
+
+    @traced
+    def both(p):
+        def value(p):
+            bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=p[0] * 1e4)
+            structure = jc.Structure(nodes, bars, supports=jc.Supports(held))
+            phases = [
+                jc.Phase(loads=jc.FacePressure([[0, 3, 4]], 6000.0 * p[1])),
+                jc.Phase(loads=jc.NodalLoads([0], (0, 0, -4000.0))),
+            ]
+            path = jc.trace_path(structure, phases)
+            return path.failure_load, path
+
+        return jax.value_and_grad(value, has_aux=True)(p)
+
+    point, step = jnp.ones(2), 1e-5 * jnp.eye(2)
+    (top, path), gradient = both(point)
+    assert [name for name in ok(path).events.names if name != "none"] == ["limit point"] * 2
+    # at a limit point no load above is carried near by: the path itself is the witness
+    assert abs(top - float(path.load_factor[:30].max())) < 1e-12 and abs(top - 0.52729) < 1e-4
+    assert set(np.asarray(path.n_negative).tolist()) == {0, 1, -1}  # -1: nothing was reached
+    central = [(both(point + h)[0][0] - both(point - h)[0][0]) / 2e-5 for h in step]
+    # differences of load factors located to 1e-12 are good to 1e-7, and of second order
+    assert np.allclose(gradient, central, rtol=1e-6)
+
+
+def test_two_columns_that_buckle_together_under_loads_that_follow():
+    """An even number of eigenvalues crosses zero: no sign of a determinant tells.
+
+    Rigid struts between springs across; a pressed face beside each top couples both ways across by
+    ``-s`` and ``s = p c / 6``, c its edge. With kx, ky of the springs and the load P on the top the
+    tangent ``[[kx - P/h, -s], [s, ky - P/h]]`` has closed eigenvalues.
+    """
+    h, side, kx, ky, s, edge = 2.0, 4.0, 1e3, 2.4e3, 400.0, 1.5
+    top = np.array([[0, 0, h]])
+    springs = top + side * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    corners = top + np.array([[1, 0, -edge / 2], [1, 0, edge / 2]])
+    one = np.concatenate([top, [[0, 0, 0]], springs, corners])
+    nodes = np.concatenate([one, one + np.array([20.0, 0, 0])])
+    both = np.array([0, 8])
+    struts = jc.Bars(both[:, None] + [0, 1], axial_stiffness=1e12)
+    links = (both[:, None, None] + [[0, 2], [0, 3], [0, 4], [0, 5]]).reshape(-1, 2)
+    soft = jc.Bars(links, axial_stiffness=np.tile(side / 2 * np.array([kx, kx, ky, ky]), 2))
+    held = np.ones((16, 3), bool)
+    held[both] = False
+    parts = {"struts": struts, "springs": soft}
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    pressure = 6 * s / edge
+    faces = jc.FacePressure(both[:, None] + [0, 6, 7], pressure)
+    area = 0.5 * np.cross(corners[0] - top[0], corners[1] - top[0])
+    phases = [
+        # what the face pushes in its first place is taken by a dead load
+        jc.Phase(loads=[faces, jc.NodalLoads(both, -pressure / 3 * area)]),
+        jc.Phase(loads=jc.NodalLoads(both, (0, 0, -5000.0))),
+    ]
+    path = ok(jc.trace_path(structure, phases))
+    middle, half = (kx + ky) / 2, np.sqrt(((ky - kx) / 2) ** 2 - s**2)
+    assert path.events.names == ["bifurcation"] * 2
+    assert np.asarray(path.events.multiplicity).tolist() == [2, 2]
+    exact = h * np.array([middle - half, middle + half])
+    # the struts are shortened by P / EA = 5e-9, brackets are squares of 1e-5
+    assert np.allclose(5000 * path.events.load_factor, exact, rtol=1e-7)
+    numbers = np.asarray(path.n_negative)
+    assert numbers[0] == 0 and numbers[-1] == 4 and set(numbers.tolist()) == {0, 2, 4}
+    # within the bracket, though the struts' stiffness is 5e8 times what its rounding is judged by
+    lower, upper = 5000 * np.asarray([path.events.lower, path.events.upper])
+    assert (lower < exact).all() and (exact < upper).all() and (upper - lower < 0.1).all()

@@ -224,18 +224,6 @@ def test_utilization(pictures, runs):
     assert figure.axes[-1].get_xlabel() == "utilization: force / breaking force (%)"
 
 
-def test_a_strength_that_is_reached_is_not_exceeded(runs):
-    told = {"tension": np.full(12, 600.0 * (1 + 1e-8))}
-    shown = element_forces.ElementForces(
-        told, topology_of(runs.strong).parts, runs.strong, "utilization"
-    )
-    scale = element_lines.ColorScale([shown])
-    assert scale.label == "utilization: force / breaking force (%)"
-    look = matplotlib.cm.ScalarMappable(**scale.look)
-    over, there = (look.to_rgba(scale.factor * u)[:3] for u in (1.01, 1 + 1e-8))
-    assert over == matplotlib.colors.to_rgb(style.OVER) != there
-
-
 @pytest.mark.slow
 def test_titles_say_the_phase(runs):
     def titles(solution, **options):

@@ -1,4 +1,4 @@
-"""`plots.view`: the numbers in the page are those of the solution; what it refuses."""
+"""`plots.view`: the numbers in the page are those of the solution."""
 
 import base64
 import json

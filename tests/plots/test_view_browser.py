@@ -219,22 +219,6 @@ def test_faces_are_filled_and_picked(chromium, tmp_path):
         assert own.faults == []
 
 
-@pytest.mark.slow
-def test_absent_elements_are_not_drawn_and_not_picked(page):
-    """Of all elements but one the page is told that they are absent."""
-    before = brightness(page)[1]
-    page.evaluate("view.model.get('looks').forEach((_, k, all) => { all[k] |= 4; })")
-    page.evaluate("view.model.get('looks')[view.shown.shot * view.model.nElem + 3] &= 3")
-    page.locator("#ghost").uncheck()
-    page.locator("#supports").uncheck()
-    assert 20 < brightness(page)[1] < 0.3 * before
-    assert "30 inactive, not drawn" in page.locator("#keys").inner_text()
-    click(page, "element", 3)
-    assert values(page)[0] == "Element 3"
-    click(page, "element", 17)
-    assert page.locator("#picked").is_hidden()
-
-
 def test_without_webgl_it_says_so(chromium, net):
     context = chromium.new_context()
     page = context.new_page()

@@ -1,4 +1,4 @@
-"""Scenes of cables, beams and fibre sections: in equilibrium, and what they say of themselves."""
+"""Scenes of cables and beams, and pictures of sections: loads and balance, what is refused."""
 
 import numpy as np
 import pytest

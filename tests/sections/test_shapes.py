@@ -1,4 +1,4 @@
-"""Shapes of sections: areas, second moments, torsion, composites, what is refused."""
+"""Shapes of sections: areas, second moments, torsion, the axis, composites."""
 
 import jax
 import jax.numpy as jnp
