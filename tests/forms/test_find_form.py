@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.problems import pulls_on_nodes
 from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.taylor import assert_gradient
@@ -33,15 +34,9 @@ def down(node, force):
     return jc.NodalLoads([node], jnp.array([0.0, 0.0, -1.0]) * force)
 
 
-def unbalanced(structure, form, load=0.0):
-    """Largest unbalanced force at a free freedom, from positions and tensions, in NumPy."""
-    x, force = np.asarray(form.positions), np.zeros((structure.n_node, 3)) + load
-    tensions = jax.tree.leaves(form.tension)
-    for group, tension in zip(structure.groups, tensions, strict=True):
-        for (i, j), T in zip(group.links.array, np.asarray(tension), strict=True):
-            pull = T * (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
-            force[i] += pull
-            force[j] -= pull
+def unbalanced(structure, form):
+    """Largest unbalanced force at a free freedom, by NumPy."""
+    force = pulls_on_nodes(structure, form.positions, form.tension)
     return np.abs(force[~np.asarray(structure.fixed(structure.supports))]).max()
 
 

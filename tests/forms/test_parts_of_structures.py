@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.problems import pulls_on_nodes
 from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
@@ -22,19 +23,6 @@ EA = 2e6
 def turned(angles=(0.3, -0.7, 1.1)):
     """A rotation matrix, [3, 3]."""
     return Rotation.from_euler("XYZ", angles).as_matrix()
-
-
-def pulls(structure, form):
-    """Forces of all elements of two ends on the nodes, [n_node, 3], by NumPy."""
-    x = np.asarray(form.positions)
-    total = np.zeros_like(x)
-    forces = structure.group_tree.flatten_up_to(form.tension)
-    for group, tension in zip(structure.groups, forces, strict=True):
-        for (i, j), force in zip(group.links.array, np.asarray(tension), strict=True):
-            pull = force * (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
-            total[i] += pull
-            total[j] -= pull
-    return total
 
 
 def stays_where_found(structure, form, loads=None):
@@ -141,7 +129,7 @@ def test_three_statements_in_one_problem():
     assert np.abs(found[L] / (1.02 * length[L]) - 1).max() < 1e-10
     assert np.abs(np.asarray(form.tension)[q] / found[q] / Q[q] - 1).max() < 1e-10
     assert np.abs(np.asarray(form.tension)[T] / (Q[T] * length[T]) - 1).max() < 1e-10
-    left = pulls(SADDLE, form)[FREE] + [3.0, -5.0, -40.0]
+    left = pulls_on_nodes(SADDLE, form.positions, form.tension)[FREE] + [3.0, -5.0, -40.0]
     assert np.abs(left).max() < 1e-10 * np.abs(form.tension).max()
     # the same where a support holds another direction, by the method of multipliers
     held = jc.pinned(PART[1:]) + jc.restrained(PART[:1], "xyz", axes=turned())
