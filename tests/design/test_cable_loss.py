@@ -93,16 +93,13 @@ def frame(hinged):
     return jc.Structure(nodes, {"beam": beams, "stay": stay}, jc.clamped([0, 2]) + jc.pinned([3]))
 
 
+@pytest.mark.slow_cases("bars", "hinged beam")
 @pytest.mark.parametrize(
     ("structure", "elements", "removes", "load"),
     [
         (PYRAMID.structure, [1], jc.only([1]), jc.NodalLoads([0], (75.0, 50.0, -225.0))),
         (frame(False), {"beam": [1]}, {"beam": jc.only([1])}, jc.SelfWeight((0.01, 0.05, -0.05))),
-        pytest.param(
-            *(frame(True), {"beam": [1]}, {"beam": jc.only([1])}),
-            jc.SelfWeight((0.01, 0.05, -0.05)),
-            marks=pytest.mark.slow,
-        ),
+        (frame(True), {"beam": [1]}, {"beam": jc.only([1])}, jc.SelfWeight((0.01, 0.05, -0.05))),
     ],
     ids=["bars", "beam", "hinged beam"],
 )

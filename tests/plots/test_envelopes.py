@@ -92,6 +92,7 @@ def without_rope():
     return solutions, jc.design.envelope(STRUCTURE, solutions, NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["displacement", "tension", "Vz"])
 def test_removed_elements_are_not_drawn(without_rope, of):
     """The rope from (2, 2) down to the beam is the only element above 0.6 m."""
@@ -101,6 +102,7 @@ def test_removed_elements_are_not_drawn(without_rope, of):
     assert len(parts) >= 4 and max(part[:, 1].max() for part in parts if len(part)) < 0.6
 
 
+@pytest.mark.slow
 def test_displaced_beams_are_bent(without_rope):
     """Halves of a beam under a force in the middle: at quarters 11/16 of what the middle moves."""
     solutions, envelope = without_rope

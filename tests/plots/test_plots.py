@@ -285,6 +285,7 @@ def test_heights_of_a_line_are_magnified_over_its_ground():
         assert float(text.get_text()) == pytest.approx(place / 5.0)
 
 
+@pytest.mark.slow
 def test_all_pictures_of_a_line_have_one_factor_on_heights():
     """Level supports: heights are those of the sags, 8 m in 600 m, hence 0.3 / (8 / 600) = 22."""
     nodes = [[0.0, 0, 20], [300.0, 0, 20], [600.0, 0, 20]]

@@ -118,18 +118,6 @@ def test_law_without_compression_does_not_bound_compression():
     assert np.isinf(surface[0]).all() and np.isfinite(surface[1:]).all()
 
 
-def test_single_precision_stays_single():
-    section = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), SECTIONS["steel rectangle"])
-    target = (0.5 * sizes(SECTIONS["steel rectangle"]) * [0.3, 0.5, 0.2]).astype(np.float32)
-    state = traced(lambda s, t: s.strains(*t))(section, target)
-    assert int(state.status) == status.OK
-    assert {v.dtype for v in state.strain} == {jnp.dtype("float32")}
-    strain = np.array([state.strain], float)
-    error = law_sum(SECTIONS["steel rectangle"], strain) - target
-    # 64 eps of float32 is 8e-6
-    assert (np.abs(error) / sizes(SECTIONS["steel rectangle"])).max() <= 2e-5
-
-
 def test_section_without_width_resists_what_it_can():
     """One column of fibres: no stiffness about z, so neither moment nor derivative there."""
     section = Section.rectangle(0.1, 0.2, REVERSIBLE, (1, 10))
