@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.problems import INSTALLED as SOLVERS
-from oracles.taylor import assert_gradient
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -119,19 +118,6 @@ def test_transformations(solver):
         # rounding times a condition below 100, twice
         assert np.abs(own - other).max() < 1e-11 * np.abs(other).max()
     assert np.abs(ours(p) - found[0]).max() < 1e-13  # without jit
-
-
-def test_gradients():
-    """By force densities, places of nodes and loads."""
-    structure, q, load = random_net(2)
-    weights = jnp.asarray(np.random.default_rng(7).normal(size=(8, 3)))
-
-    def number(p):
-        moved = jc.replace(structure, nodes=p["nodes"])
-        x = force_density(moved, p["q"], loads(p["loads"]), "dense")
-        return jnp.sum(jnp.sin(weights * x)) * 10
-
-    assert_gradient(number, {"q": q, "nodes": structure.nodes, "loads": load}, corrupted=1.05)
 
 
 def test_groups_and_prefixes():
