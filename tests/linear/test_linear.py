@@ -69,7 +69,7 @@ def transformed(sparse, b, direction, scales):
     )
 
 
-@pytest.mark.slow_cases("banded", "cholmod", "dense", "numpy", "pardiso", "superlu")
+@pytest.mark.slow_cases("banded", "cholmod", "dense", "numpy", "pardiso", "rolling")
 @pytest.mark.parametrize("solver", EVERY)
 def test_general_solve_and_its_transformations(solver):
     """Value, jvp, vjp, Hessian and batches of x(values, b) against NumPy's solve."""

@@ -355,6 +355,7 @@ def test_a_strip_in_forks_buckles_sideways_under_end_moments():
     assert errors[1] < 0.02 and errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.slow_cases("shaft")
 @pytest.mark.parametrize("kind", ["strip", "shaft"])
 def test_moments_at_a_free_end_are_semi_tangential(kind):
     """A cantilever under a moment at its tip; semi-tangential moments buckle it at ``pi C / L``.
