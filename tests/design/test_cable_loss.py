@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.shapes import spokes
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
 from scipy.integrate import solve_ivp
 
@@ -181,24 +181,21 @@ def test_forces_of_catenaries_are_those_at_their_ends():
 
 
 def test_derivatives_through_the_intact_state():
-    """A force after the loss by stiffnesses and load: Taylor's slope 2, with a wrong one 1."""
+    """A force after the loss by stiffnesses, load and dynamic factor."""
     structure = PYRAMID.structure
 
-    def force(p, elements=(1,)):
+    def force(p):
         bars = jc.replace(structure.elements, axial_stiffness=p[:4])
         own = jc.replace(structure, elements=bars)
         load = jc.NodalLoads([0], jnp.stack([0.3 * p[4], 0.2 * p[4], -p[4]]) * 1e-2)
         before = jc.solve(own, jc.Phase(loads=load), TIGHT)
-        action = loss_of_cable(own, before, list(elements), dynamic_factor=p[5] * 1e-5)
+        action = loss_of_cable(own, before, [1], dynamic_factor=p[5] * 1e-5)
         case = jc.Phase(loads=action.loads, removes=action.removes)
-        return jc.solve(own, case, TIGHT, start=before).tension[0]
+        solution = jc.solve(own, case, TIGHT, start=before)
+        return solution.tension[0], solution.status
 
-    p = np.array([1e5, 1.2e5, 0.9e5, 1.1e5, 0.8e5, 1.9e5])
-    force = traced(force)
-    gradient = jax.grad(force)(p)
+    gradient = assert_gradient(force, [1e5, 1.2e5, 0.9e5, 1.1e5, 0.8e5, 1.9e5], 10.0)
     assert np.all(np.asarray(gradient) != 0)
-    assert slope(force, p, gradient, size=10.0) > 1.9
-    assert slope(force, p, gradient * np.array([1, 1, 1, 1, 1.01, 1]), size=10.0) < 1.3
 
 
 def test_traced_numbers_that_break_a_rule_give_nan():

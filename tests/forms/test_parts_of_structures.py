@@ -259,6 +259,40 @@ def test_polygon_under_pressure():
     assert stays_where_found(chain, form, jc.CablePressure(p, axis=(0.0, -1.0, 0.0)))
 
 
+TENT = jc.Structure(  # four cables from the corners of a square of 4 m to a node, under pressure
+    [[2.0, 2, 0], [-2, 2, 0], [-2, -2, 0], [2, -2, 0], [0.1, 0.2, 1.0]],
+    jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=EA),
+    jc.pinned(range(4)),
+)
+
+
+SIDES = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+
+
+def tent(q, pressure, shift):
+    loads = [
+        jc.FacePressure(SIDES, pressure),
+        jc.SupportMovement([0], shift * jnp.array([1.0, 0.0, 2.0])),
+    ]
+    form = jc.find_form(TENT, force_density=q, loads=loads)
+    return form.positions[4, 2], form.status
+
+
+@pytest.mark.slow
+def test_inner_pressure_and_a_moved_support():
+    """``4 q (z - mean height of corners) = p A / 3`` of the plan; in a batch, with gradients."""
+    q, p, shift = jnp.array([[100.0, 150, 90], [30, 20, 10], [0.0, 0, 0.4]])
+    found = jax.vmap(jax.value_and_grad(tent, argnums=(0, 1), has_aux=True))(q, p, shift)
+    (z, status), (by_q, by_p) = found
+    assert not status.any()
+    # the plan with a corner moved by d along x: 4 x 4 and a triangle of d and 4
+    area = 16 + 2 * shift
+    exact = p * area / 12 / q + shift / 2
+    assert np.abs(z - exact).max() < 1e-9
+    assert np.abs(by_p - area / 12 / q).max() < 1e-9
+    assert np.abs(by_q + p * area / 12 / q**2).max() < 1e-9
+
+
 # --- derivatives, batches, failures
 
 

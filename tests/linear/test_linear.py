@@ -16,7 +16,7 @@ from jax import lax
 
 import jaxcable as jc
 from jaxcable import linear
-from jaxcable.linear import choose_solver
+from jaxcable.linear import choose_solver, host
 from jaxcable.linear.banded import solve_banded
 
 SPARSE = ["superlu", "banded", NUMPY, CHOLMOD, PARDISO]
@@ -255,6 +255,35 @@ def test_the_eigenvalue_nearest_to_zero(solver, n):
     assert int(number) == np.count_nonzero(values < 0)
     assert float(value) == pytest.approx(values[nearest], rel=1e-9)
     assert abs(right @ vectors[:, nearest]) == pytest.approx(1.0, rel=1e-9)
+
+
+def kept(n):
+    """The analysis of a pattern on the host, and values of a diagonal matrix on it."""
+    pattern = chain(n, True, "superlu")[0]
+    numbers = (np.asarray(x) for x in (pattern.digest, pattern.indptr, pattern.indices))
+    return host.analysis_of_pattern(pattern.solver, True, *numbers), np.isin(
+        np.arange(len(pattern.indices)), pattern.diagonal
+    ).astype(float)
+
+
+@pytest.mark.slow
+def test_factors_and_analyses_kept_are_bounded():
+    jc.forget_programs()
+    for n in range(5, 5 + host._MOST_ANALYSES + 3):
+        analysed, one = kept(n)
+        for k in range(1, host._MOST_FACTORS + 4):
+            assert analysed.find_or_make_factor(k * one, True).solve(np.ones(n)) == pytest.approx(
+                1 / k
+            )
+        assert len(analysed.factors) == host._MOST_FACTORS and analysed.count == k
+        assert analysed.find_or_make_factor(k * one, True) and analysed.count == k  # is found again
+    assert len(host._analyses) == host._MOST_ANALYSES
+    analysed, one = kept(5)  # one that was dropped is analysed again
+    assert analysed.count == 0 and analysed.find_or_make_factor(one, True).solve(
+        np.ones(5)
+    ) == pytest.approx(1)
+    jc.forget_programs()
+    assert not host._analyses
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux tells a process its size")

@@ -65,8 +65,12 @@ def test_reports_leave_out_what_is_not_there(hung):
     assert "present" not in report.tables
 
 
-def test_files_say_it(hung, tmp_path):
+def test_files_and_results_say_it(hung, tmp_path):
     structure, _, solution = hung
+    names = ("row", "aid")
+    found = [[np.asarray(p.present[name]).tolist() for name in names] for p in solution.phases]
+    assert found == [[[1, 0], [1]], [[1, 1], [1]], [[1, 1], [0]]]
+    assert np.asarray(solution.phases[0].path.present["row"]).tolist() == [[1, 0]]
     jc.files.save_result(tmp_path / "hung.csv", structure, solution)
     text = (tmp_path / "hung-elements.csv").read_text().splitlines()
     column = text[0].split(",").index("present (-)")

@@ -119,6 +119,19 @@ def test_diagrams_of_beams_that_turn_far():
     assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
 
 
+@pytest.mark.slow
+def test_catenaries_hang_in_every_phase():
+    structure, phases, solution = solved(*scenes.suspended_cable())
+    _, arrays = shown(solution, structure)
+    n = arrays["sag"].shape[2] + 2
+    parts = np.linspace(0, 1, n)[1:-1, None]
+    for k in range(len(phases)):
+        alone = solved(structure, phases[: k + 1])[2]
+        curve = np.asarray(jax.tree.leaves(jc.forms.catenary_curves(structure, alone, n))[0])
+        chord = (1 - parts) * curve[:, :1] + parts * curve[:, -1:]
+        np.testing.assert_allclose(arrays["sag"][k], curve[:, 1:-1] - chord, atol=1e-5)
+
+
 def test_a_failed_analysis_shows_what_converged(flat):
     structure, phases, _ = flat
     few = jc.Newton(max_steps=1)
