@@ -244,7 +244,7 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
     assert np.abs(x[:2] - 0.5 / scales[:2, None]).max() < 1e-15
 
 
-@pytest.mark.slow_cases("dense-9")
+@pytest.mark.slow_cases("superlu-9")
 @pytest.mark.parametrize(("solver", "n"), [("dense", 9), ("superlu", 9), ("superlu", 60)])
 def test_the_eigenvalue_nearest_to_zero(solver, n):
     sparse, dense = matrix(n, True, solver, shift=-4.0)
