@@ -5,6 +5,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -80,13 +81,13 @@ def area_under(strain, stress, at):
     return np.array(out)
 
 
-SIZE = 400  # all batches are filled up to this size: one compilation for each kind of law
+SIZE = 400  # all batches are filled up to this size: one program for each kind of law
 
 
 def batched(function):
     """`function(law, number, memory)` of single numbers, for arrays of up to `SIZE` of them."""
 
-    @jax.jit
+    @traced
     def run(law, number, memory):
         each = functools.partial(function, law)
         return jax.vmap(each, (0, None if memory is None else 0))(number, memory)
@@ -147,7 +148,7 @@ def kinematic(E, tangent, yield_stress):
 N_PATH = 120
 
 
-@jax.jit
+@traced
 def _along(law, strains):
     def increment(memory, strain):
         stress = law.stress_at(strain, memory)

@@ -79,6 +79,18 @@ def unbalanced(nodes, links, axial_stiffness, rest_length, positions, load, tens
     return out, force
 
 
+def pulls_on_nodes(structure, positions, tension):
+    """Forces of elements of two ends on the nodes, [n_node, 3], N, from positions and tensions."""
+    x = np.asarray(positions)
+    total = np.zeros_like(x)
+    forces = structure.group_tree.flatten_up_to(tension)
+    for group, force in zip(structure.groups, forces, strict=True):
+        chord = x[group.links.array[:, 1]] - x[group.links.array[:, 0]]
+        pull = np.asarray(force)[:, None] * chord / np.linalg.norm(chord, axis=1, keepdims=True)
+        np.add.at(total, group.links.array, np.stack([pull, -pull], axis=1))
+    return total
+
+
 def assert_balanced(solution):
     """Reactions and loads cancel as far as the residual of the last increment allows."""
     forces = np.abs(np.asarray(solution.reactions)).sum() + np.abs(np.asarray(solution.load)).sum()

@@ -108,17 +108,6 @@ def test_published_numbers_of_single_cables():
         assert strong.strength / weak.strength == pytest.approx(660 / 610, rel=0.012)  # f_u
 
 
-def test_two_suppliers_agree_on_locked_coil_ropes_and_strands():
-    """Areas and stiffnesses of one diameter within 6 %, breaking forces within 7 %."""
-    pairs = [("Galfan spiral strand 36", "Redaelli OSS 36"), ("locked coil 40", "Redaelli FLC 40")]
-    pairs += [("Galfan spiral strand 60", "Redaelli OSS 60"), ("locked coil 60", "Redaelli FLC 60")]
-    for first, second in pairs:
-        one, other = jc.catalogue.cable(first), jc.catalogue.cable(second)
-        assert one.area / other.area == pytest.approx(1, abs=0.06)
-        assert one.axial_stiffness / other.axial_stiffness == pytest.approx(1, abs=0.09)
-        assert one.strength / other.strength == pytest.approx(1, abs=0.07)
-
-
 # --- formulas
 
 
@@ -181,28 +170,6 @@ def test_a_record_goes_into_elements():
         factor = 1 if name == "expansion" else 19
         assert many[name] == pytest.approx(factor * one[name], rel=1e-15)
     assert many.diameter is None and many.modulus == pytest.approx(one.modulus)
-
-
-@pytest.mark.slow
-def test_a_stay_stretches_and_warms_as_its_record_says():
-    """A cable that hangs straight down: ``F L / EA`` and ``alpha dT L``; derivative by EA."""
-    data, length, force = jc.catalogue.cable("Galfan spiral strand 20"), 10.0, 50e3
-
-    def moved(stiffness, warm):
-        cable = jc.Cables([[0, 1]], **{**data, "axial_stiffness": stiffness})
-        supports = jc.pinned([0]) + jc.restrained([1], "xy")
-        structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], cable, supports)
-        loads = [jc.NodalLoads([1], (0.0, 0.0, -force)), jc.SelfWeight()]
-        solution = jc.solve(structure, jc.Phase(loads=loads, temperature=warm))
-        return -solution.displacement[1, 2], solution
-
-    EA = data.axial_stiffness
-    (down, solution), slope = jax.value_and_grad(moved, has_aux=True)(EA, 30.0)
-    assert jc.describe(solution.status) == "converged"
-    warm = 1 + data.expansion * 30.0
-    force += data.weight * length / 2  # half of its weight is at each node
-    np.testing.assert_allclose(down, length * (warm * (1 + force / EA) - 1), rtol=1e-9)
-    np.testing.assert_allclose(slope, -length * warm * force / EA**2, rtol=1e-6)
 
 
 # --- own tables

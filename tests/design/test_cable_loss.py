@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.shapes import spokes
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
 from scipy.integrate import solve_ivp
 
@@ -93,16 +93,13 @@ def frame(hinged):
     return jc.Structure(nodes, {"beam": beams, "stay": stay}, jc.clamped([0, 2]) + jc.pinned([3]))
 
 
+@pytest.mark.slow_cases("bars", "hinged beam")
 @pytest.mark.parametrize(
     ("structure", "elements", "removes", "load"),
     [
         (PYRAMID.structure, [1], jc.only([1]), jc.NodalLoads([0], (75.0, 50.0, -225.0))),
         (frame(False), {"beam": [1]}, {"beam": jc.only([1])}, jc.SelfWeight((0.01, 0.05, -0.05))),
-        pytest.param(
-            *(frame(True), {"beam": [1]}, {"beam": jc.only([1])}),
-            jc.SelfWeight((0.01, 0.05, -0.05)),
-            marks=pytest.mark.slow,
-        ),
+        (frame(True), {"beam": [1]}, {"beam": jc.only([1])}, jc.SelfWeight((0.01, 0.05, -0.05))),
     ],
     ids=["bars", "beam", "hinged beam"],
 )
@@ -127,11 +124,7 @@ def test_a_mass_swings_as_far():
     held = jc.pinned([0, 1]) + jc.restrained([2], "xy")
     structure = jc.Structure(nodes, {"stays": cables}, held)
     before = solved(structure, jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -weight))))
-    action = (
-        loss_of_cable(structure, before, "stays")
-        if False
-        else loss_of_cable(structure, before, {"stays": [1]})
-    )
+    action = loss_of_cable(structure, before, {"stays": [1]})
     case = jc.Phase(loads=action.loads, removes=action.removes)
     found = solved(structure, case, start=before)
 
@@ -188,24 +181,21 @@ def test_forces_of_catenaries_are_those_at_their_ends():
 
 
 def test_derivatives_through_the_intact_state():
-    """A force after the loss by stiffnesses and load: Taylor's slope 2, with a wrong one 1."""
+    """A force after the loss by stiffnesses, load and dynamic factor."""
     structure = PYRAMID.structure
 
-    def force(p, elements=(1,)):
+    def force(p):
         bars = jc.replace(structure.elements, axial_stiffness=p[:4])
         own = jc.replace(structure, elements=bars)
         load = jc.NodalLoads([0], jnp.stack([0.3 * p[4], 0.2 * p[4], -p[4]]) * 1e-2)
         before = jc.solve(own, jc.Phase(loads=load), TIGHT)
-        action = loss_of_cable(own, before, list(elements), dynamic_factor=p[5] * 1e-5)
+        action = loss_of_cable(own, before, [1], dynamic_factor=p[5] * 1e-5)
         case = jc.Phase(loads=action.loads, removes=action.removes)
-        return jc.solve(own, case, TIGHT, start=before).tension[0]
+        solution = jc.solve(own, case, TIGHT, start=before)
+        return solution.tension[0], solution.status
 
-    p = np.array([1e5, 1.2e5, 0.9e5, 1.1e5, 0.8e5, 1.9e5])
-    force = traced(force)
-    gradient = jax.grad(force)(p)
+    gradient = assert_gradient(force, [1e5, 1.2e5, 0.9e5, 1.1e5, 0.8e5, 1.9e5], 10.0)
     assert np.all(np.asarray(gradient) != 0)
-    assert slope(force, p, gradient, size=10.0) > 1.9
-    assert slope(force, p, gradient * np.array([1, 1, 1, 1, 1.01, 1]), size=10.0) < 1.3
 
 
 def test_traced_numbers_that_break_a_rule_give_nan():

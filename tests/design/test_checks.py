@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 from jaxcable.standards import (
@@ -236,19 +236,8 @@ def test_a_tube_does_not_know_its_axes():
     for forces in (parts, turned):
         found = section_utilization(forces * sizes, section, STEEL)
         np.testing.assert_allclose(found, np.maximum(by_hand, V), rtol=1e-9)
-
-
-def test_moments_on_a_tube_add_as_a_vector():
-    """3 and 4 make 5 in a tube, 7 in other sections; no moments have a derivative of zero."""
-    numbers = {"A": 1e-2, "Iy": 1e-5, "Iz": 1e-5, "Wy": 1e-4, "Wz": 1e-4}
-    forces = jnp.array([0, 0, 0, 0, 3e3, -4e3])
-    for circular, expected in ((True, 5e3), (False, 7e3)):
-        section = steel_section({**numbers, "circular": circular})
-        found = section_utilization(forces, section, 250e6)
-        np.testing.assert_allclose(found, expected / (1e-4 * 250e6), rtol=1e-12)
-    tube = steel_section({**numbers, "circular": True})
-    calm = jax.grad(lambda force: section_utilization(force, tube, 250e6))(jnp.zeros(6))
-    assert np.isfinite(calm).all()
+    calm = jax.grad(lambda force: section_utilization(force, section, STEEL))(jnp.zeros(6))
+    assert np.isfinite(calm).all()  # where neither moments nor shear forces have a direction
 
 
 def test_shear_areas_of_profiles():
@@ -410,21 +399,18 @@ def test_an_unknown_buckling_factor_is_no_resistance():
 
 @pytest.mark.slow
 def test_derivative_of_the_largest_utilization():
-    """By pretension and strength, by Taylor's test; the wrong gradient as a control."""
+    """By pretension and strength, to which it is inverse."""
     wind = [jc.Phase(loads=jc.NodalLoads([1], (push, 0.0, 0.0))) for push in (30e3, 45e3)]
 
     def largest(p):
         structure = stayed(strength=400e3 * p[1])
         calm = jc.replace(CALM, pretension={"stays": 60e3 * p[0], "post": None})
         solutions = design.solve_cases(structure, calm, wind, TIGHT)
-        return design.checks(structure, solutions).largest
+        return design.checks(structure, solutions).largest, solutions.status.max()
 
     p = jnp.array([1.0, 1.1])
-    gradient = jax.grad(largest)(p)
-    # 1.9: the remainder of h = 5e-5 is still above rounding; 1.3: a wrong gradient has 1
-    assert slope(largest, p, gradient) > 1.9
-    assert slope(largest, p, 1.01 * gradient) < 1.3
-    np.testing.assert_allclose(gradient[1], -largest(p) / 1.1, rtol=1e-9)
+    gradient = assert_gradient(largest, p)
+    np.testing.assert_allclose(gradient[1], -largest(p)[0] / 1.1, rtol=1e-9)
 
 
 def test_own_checks():
@@ -446,16 +432,6 @@ def test_own_checks():
     assert str(found) == f"clearance: utilization {7.9 / height:.3f}, top, case 0, client"
 
 
-def test_cases_that_begin_at_a_solution_need_no_phases():
-    """The same as with the phases that lead there, to rounding of two iterations, 1e-9."""
-    cases = [jc.Phase(loads=jc.NodalLoads([1], (push, 0.0, 0.0))) for push in (30e3, 45e3)]
-    structure, calm = stayed(), jc.solve(stayed(), CALM)
-    begun = design.solve_cases(structure, None, cases, start=calm)
-    led = design.solve_cases(structure, CALM, cases)
-    assert not np.asarray(begun.status).any()
-    np.testing.assert_allclose(begun.tension["stays"], led.tension["stays"], rtol=1e-9)
-
-
 def test_checks_own_what_they_are_given():
     """A list of nodes that changes later changes nothing."""
     nodes = np.array([0, 3])
@@ -465,7 +441,7 @@ def test_checks_own_what_they_are_given():
 
 
 def test_what_a_check_leaves_out_is_said(cases):
-    """Cables without a strength are named; a profile is not taken for several groups."""
+    """Cables without a strength are named."""
     ropes = {
         "strong": jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3),
         "unknown": jc.Cables([[0, 2]], axial_stiffness=1e7),
@@ -476,15 +452,6 @@ def test_what_a_check_leaves_out_is_said(cases):
     with pytest.warns(jc.InputWarning, match="not checked: cables 'unknown' have no strength"):
         found = design.checks(structure, solution)
     assert "'unknown'" in found["cable resistance"].not_covered
-    with pytest.raises(ValueError, match="elements: missing; say which of 'beams', 'post'"):
-        members = {
-            "beams": jc.Beams([[0, 1]], TUBE.section(jc.Elastic(210e9))),
-            "post": jc.Bars([[1, 2]], axial_stiffness=1e9),
-        }
-        nodes = [[0.0, 0, 0], [2.0, 0, 0], [2.0, 0, -3.0]]
-        frame = jc.Structure(nodes, members, jc.clamped([0]) + jc.pinned([2]))
-        section = design.MemberSection(profile=TUBE, yield_strength=STEEL)
-        section.chosen(frame)
 
 
 def test_a_check_of_the_standard_that_no_case_counts_for_is_named(cases):

@@ -1,4 +1,4 @@
-"""Influence, objectives, load cases, distance to slackening: against NumPy and closed forms."""
+"""Influence, objectives, distance to slackening: against NumPy and closed forms."""
 
 import functools
 
@@ -120,26 +120,6 @@ def test_influence_of_load_is_reciprocal():
     assert jnp.abs(change - expected).max() < 1e-4 * jnp.abs(expected).max()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ({"of": "stress"}, "of = 'stress'"),
-        ({"wrt": "colour"}, "wrt = 'colour'"),
-        ({"wrt": "jacking"}, "wrt = 'jacking': no phase states a jacking"),
-        ({"wrt": "pretension", "phase": 1}, "phase 1 does not state a pretension"),
-        (
-            {"structure": FLAT, "phases": LOADING, "wrt": "temperature", "phase": 0},
-            "'temperature': no group",
-        ),
-        ({"phase": 2}, "phase = 2: there are phases 0 to 1"),
-        ({"phases": []}, "phases: there are none, and no start"),
-    ],
-)
-def test_influence_refuses(arguments, said):
-    with pytest.raises(ValueError, match=said):
-        jc.influence(**{"structure": NET, "phases": [STATED, LOADING], **arguments})
-
-
 def test_retensioning_converges_quickly():
     """Wrong lengths are undone, with a matrix that is never renewed: linear, but fast."""
     wrong = 1e-4 * np.random.default_rng(0).normal(size=N)
@@ -152,8 +132,6 @@ def test_retensioning_converges_quickly():
     assert off[0] > 0.05 and off[2] < 1e-3 and off[4] < 1e-6
     # singular values of the matrix reach down to 1e-3 of its largest one
     assert jnp.abs(turns - wrong).max() < 1e-8
-    with pytest.raises(ValueError, match="change: has 3 numbers"):
-        design.adjustment(influence("shortening")[0], jnp.zeros(3), like=ZERO)
 
 
 def test_scatter_of_tolerances():
@@ -164,8 +142,6 @@ def test_scatter_of_tolerances():
     np.testing.assert_allclose(flat(random), np.sqrt(whole**2 @ tolerance**2), rtol=1e-12)
     extreme = turned(tolerance * jnp.sign(whole[0]))[0] - loaded().tension["x"][0]
     assert abs(float(extreme / worst["x"][0]) - 1) < 0.05  # first order
-    with pytest.raises(ValueError, match="tolerance: expected arrays"):
-        design.propagate_tolerances(matrix, 1e-5)
 
 
 # --- load cases and objectives
@@ -182,22 +158,13 @@ def cases():
     return solutions
 
 
-@pytest.mark.slow
-def test_load_cases_and_envelope():
-    for k, force in enumerate(CASES):
-        alone = jc.solve(NET, [STATED, jc.Phase(loads=jc.NodalLoads(FREE, force))], TIGHT)
-        assert int(alone.status) == 0
-        assert np.abs(flat(cases().tension)[k] - flat(alone.tension)).max() < 1e-8
+def test_envelope_of_values_by_case():
+    """By NumPy; the cases themselves are compared in `test_combinations`."""
     tension, found = flat(cases().tension), design.envelope(cases().tension)
     assert (flat(found.lowest) == tension.min(0)).all()
     assert (flat(found.highest) == tension.max(0)).all()
     assert (flat(found.lowest_case) == tension.argmin(0)).all()
     assert (flat(found.highest_case) == tension.argmax(0)).all()
-    loads = [jc.NodalLoads(FREE, CASES[0]), jc.NodalLoads(FREE[:2], CASES[1, :2])]
-    with pytest.raises(ValueError, match=r"cases\[1\]: differs from cases\[0\]"):
-        design.solve_cases(NET, [STATED], [jc.Phase(loads=load) for load in loads])
-    with pytest.raises(ValueError, match="cases: expected at least one"):
-        design.solve_cases(NET, [STATED], [])
 
 
 def test_utilisation():
@@ -209,12 +176,6 @@ def test_utilisation():
     mixed = jc.replace(FLAT, elements=[jc.Bars(LINKS[:6], area=1e-6, law=law), GROUPS["x"]])
     used, unknown = design.utilization(mixed, [jnp.array([200.0, -50.0] * 3), jnp.zeros(6)])
     assert unknown is None and np.allclose(used[:2], [0.5, 0.5], rtol=1e-12)
-    for structure, forces, said in (
-        (NET, cases().tension, "strength: no group has one"),
-        (mixed, jnp.zeros(6), "tension: has 1 arrays"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            design.utilization(structure, forces)
 
 
 def test_objectives():

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles.taylor import TIGHT, slope
+from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -117,7 +117,7 @@ def test_concomitant_values_are_those_of_the_governing_case(found, alone):
 
 @pytest.mark.slow
 def test_derivative_of_an_extreme_is_that_of_its_case():
-    """Taylor's slope 2 by the force, control 1. A case that has failed has no part in it."""
+    """By the forces; a case that has failed has no part in it."""
     nodes = [[0.0, 0, 0], [4, 0, 0], [1, 3, 0], [1.5, 1, -2]]
     ropes = jc.Cables([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e5, weight=5.0)
     structure = jc.Structure(nodes, ropes, jc.pinned([0, 1, 2]))
@@ -129,10 +129,8 @@ def test_derivative_of_an_extreme_is_that_of_its_case():
         return jc.design.envelope(structure, solutions).high["tension"].max()
 
     largest, force = traced(largest), np.array([300.0, 310.0, 320.0])
-    gradient = jax.grad(largest)(force)
+    gradient = assert_gradient(largest, force, 100.0, corrupted=1.05)
     assert np.count_nonzero(gradient) == 1
-    assert slope(largest, force, gradient, size=100.0) > 1.9
-    assert slope(largest, force, 1.05 * gradient, size=100.0) < 1.3
     governing = int(np.flatnonzero(gradient)[0])
     broken = jnp.array(force).at[governing - 1].set(jnp.nan)
     assert float(largest(broken)) == pytest.approx(float(largest(force)), rel=1e-12)

@@ -6,7 +6,6 @@ import weakref
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
 
 import jaxcable as jc
@@ -27,9 +26,6 @@ def residuals(x, height):
 
 SEARCHES = {
     "minimize": lambda **more: jc.minimize(valley, START, args=(20.0,), steps=60, **more),
-    "adam": lambda **more: jc.minimize(
-        valley, START, optimizer=optax.adam(0.1), args=(20.0,), steps=40, **more
-    ),
     "fit": lambda **more: jc.fit(residuals, START, args=(20.0,), **more),
 }
 

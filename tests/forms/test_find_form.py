@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.problems import pulls_on_nodes
 from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.taylor import assert_gradient
@@ -33,15 +34,9 @@ def down(node, force):
     return jc.NodalLoads([node], jnp.array([0.0, 0.0, -1.0]) * force)
 
 
-def unbalanced(structure, form, load=0.0):
-    """Largest unbalanced force at a free freedom, from positions and tensions, in NumPy."""
-    x, force = np.asarray(form.positions), np.zeros((structure.n_node, 3)) + load
-    tensions = jax.tree.leaves(form.tension)
-    for group, tension in zip(structure.groups, tensions, strict=True):
-        for (i, j), T in zip(group.links.array, np.asarray(tension), strict=True):
-            pull = T * (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
-            force[i] += pull
-            force[j] -= pull
+def unbalanced(structure, form):
+    """Largest unbalanced force at a free freedom, by NumPy."""
+    force = pulls_on_nodes(structure, form.positions, form.tension)
     return np.abs(force[~np.asarray(structure.fixed(structure.supports))]).max()
 
 
@@ -74,50 +69,7 @@ def test_minimal_net_of_a_saddle_frame():
         assert np.abs(form.positions - other.positions).max() < 1e-8
 
 
-@pytest.mark.slow
-def test_form_is_in_equilibrium_at_once():
-    """An analysis that begins with the unstressed lengths of the form; see `test_form_loads`."""
-    load = jc.NodalLoads(np.arange(NET.n_node), (5.0, 0.0, -40.0))
-    T = np.random.default_rng(0).uniform(970, 1030, 40)
-    form = converged(find_form(NET, T, load))
-    formed = jc.replace(NET, nodes=form.positions)
-    solution = converged(jc.solve(formed, jc.Phase(loads=load, rest_length=form.rest_length)))
-    assert int(solution.phases[0].path.iterations[0]) == 0
-    # a length has its digits only: eps EA/N is 1e-12
-    assert np.abs(solution.tension / T - 1).max() < 1e-11
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lengths", [False, True])
-def test_sparse_against_dense(lengths):
-    structure, _ = jc.scenes.saddle(8, 7, rise=0.3)
-    n = len(structure.elements.links)
-    tension, length = 1e3, None
-    if lengths:
-        tension, length = only(np.arange(5, n), 1e3), only(np.arange(5), 1.05)
-    dense = find_form(structure, tension, length=length, method=jc.Newton(linear_solver="dense"))
-    assert int(dense.status) == 0
-    form = find_form(structure, tension, length=length)  # banded
-    assert int(form.status) == 0
-    assert np.abs(form.positions - dense.positions).max() < 1e-8
-    assert unbalanced(structure, dense) < 1e-6
-
-
 # --- closed forms
-
-
-@pytest.mark.slow
-def test_three_weights():
-    """Weber's point by the triangle of forces: angles between the strings from the forces."""
-    T = np.array([3.0, 4.0, 4.5])
-    ends = np.array(TRIANGLE)
-    form = converged(find_form(star(ends, top=(1.0, 1.0, 0.7)), T, down(3, 0.0)))
-    d = ends - np.asarray(form.positions[3])
-    d /= np.linalg.norm(d, axis=1)[:, None]
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        cosine = (T[k] ** 2 - T[i] ** 2 - T[j] ** 2) / (2 * T[i] * T[j])
-        assert abs(d[i] @ d[j] - cosine) < 1e-9
-    assert abs(float(form.positions[3, 2])) < 1e-9
 
 
 def test_hanging_chain_of_equal_links():
@@ -321,79 +273,11 @@ def test_nodes_that_have_met_are_named():
         jc.raise_if_failed(form)
 
 
-@pytest.mark.slow
-def test_a_cable_of_given_length_cannot_push():
-    """The length of a prop: as a bar it would be found."""
-    nodes = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0.0, 0, -1.0], [0.0, 0, 0.5]])
-    elements = [jc.Cables([[0, 3], [1, 3]], axial_stiffness=EA), jc.Cables([[2, 3]], EA)]
-    structure = jc.Structure(nodes, elements, jc.pinned(range(3)) + jc.restrained([3], "xy"))
-    form = find_form(structure, [10.0, None], length=[None, 2.0])
-    assert int(form.status) == jc.status.PUSHING_CABLE and np.isnan(form.tension[1]).all()
-
-
 def test_changing_numbers_is_not_traced_again(monkeypatch):
     assert int(find_form(NET, 1e3).status) == 0
     monkeypatch.setattr(prescribed_forces, "cast_floats", None)  # which tracing calls
     other = find_form(jc.replace(NET, nodes=np.asarray(NET.nodes) * 1.1), np.full(40, 2e3))
     assert int(other.status) == 0
-
-
-GUYED = jc.Structure(  # a mast with guys on both sides, whose head holds a cable
-    [[-4.0, 0, 0], [4, 0, 0], [0, 0, 3], [0, 2, 2.0], [0, -3, 0]],
-    {
-        "GUY": jc.Cables([[0, 2], [1, 2]], 1e7),
-        "MAST": jc.Bars([[4, 2]], 1e8),
-        "NET": jc.Cables([[2, 3], [3, 0], [3, 1]], 1e6),
-    },
-    jc.pinned([0, 1, 4]),
-)
-Q = {"GUY": 1.0, "MAST": None, "NET": 1.0}
-ONE_PULLS = np.array([1.0, -1.0])
-PRESSURE = jc.CablePressure(1.0, (0.0, 1.0, 0.0), per="unstressed")
-SLOWLY = jc.Varying(jc.SelfWeight(), [0.0, 1.0], [0.0, 1.0])
-
-
-def density(q):
-    return lambda: jc.force_density(GUYED, q)
-
-
-def form_of(structure, *args, **options):
-    return lambda: find_form(structure, *args, **options)
-
-
-@pytest.mark.parametrize(
-    ("ask", "said"),
-    [
-        (form_of(WEBER, 1.0, length=only([1], 2.0)), "tension, length: element 1 of .* more than"),
-        (form_of(WEBER, only([0, 1], 1.0)), "tension: element 2 of elements has neither"),
-        (form_of(WEBER, np.array([1.0, -1, 1])), r"tension\[1\] = -1.0: a cable carries tension"),
-        (
-            form_of(WEBER, only([0, 1], 1.0), length=only([2], -2.0)),
-            r"length\[2\] = -2.0: must be positive",
-        ),
-        (form_of(WEBER, stress=1.0), "stress: elements has no area; give tension"),
-        (form_of(WEBER, 1.0, method=jc.Incremental()), "method: expected Newton, got Incremental"),
-        (form_of(WEBER, None), "tension: nothing is prescribed"),
-        (form_of(WEBER, 1.0, PRESSURE), r"loads\[0\]: CablePressure per \"unstressed\" length is"),
-        (form_of(WEBER, 1.0, SLOWLY), r"loads\[0\]: Varying follows the load factor"),
-        (form_of(WEBER, only([7], 1.0)), r"elements\[0\] = 7: the group has elements 0 to 2"),
-        # groups are named
-        (density(Q), r"q: element 0 of elements\['MAST'\] has no force density"),
-        (density(Q | {"MAST": 1.0, "NET": -2.0}), r"q\['NET'\]\[0\] = -2.0: a cable carries"),
-        (
-            form_of(GUYED, Q | {"GUY": only([0], 1.0)}),
-            r"tension: element 1 of elements\['GUY'\] has neither",
-        ),
-        (form_of(GUYED, Q | {"MAST": -1.0, "GUY": ONE_PULLS}), r"tension\['GUY'\]\[1\] = -1.0: a"),
-        (
-            form_of(GUYED, Q, length={"GUY": None, "MAST": 0.0, "NET": None}),
-            r"length\['MAST'\]\[0\] = 0.0: must be positive",
-        ),
-    ],
-)
-def test_refused(ask, said):
-    with pytest.raises(ValueError, match=said):
-        ask()
 
 
 def test_ties_that_slide_along_a_cable_are_named():

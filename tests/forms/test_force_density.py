@@ -5,8 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.problems import INSTALLED as SOLVERS
-from banks.shapes import pieces
-from oracles.taylor import assert_gradient
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -15,13 +13,6 @@ from jaxcable.forms.force_density import AxisEquilibrium
 
 # compiled anew for each solver: one that solves inside of the program, and one that it calls
 TWO = [pytest.param("dense", marks=pytest.mark.slow), SOLVERS[-1]]
-
-
-def chain(n):
-    """n links between two supports 1 m apart."""
-    nodes, links = pieces(n)
-    cables = jc.Cables(links, axial_stiffness=1e5)
-    return jc.Structure(nodes**2, cables, jc.pinned([0, n]))  # far from the answer
 
 
 def random_net(seed=0, n=8, negative=False, mask=None):
@@ -83,18 +74,6 @@ def test_against_dense_algebra(solver):
         assert (np.asarray(x)[held] == np.asarray(structure.nodes)[held]).all()
 
 
-@pytest.mark.slow
-def test_result_is_in_equilibrium_in_an_analysis():
-    """Form, pretension q l and loads: the first residual of `solve` is rounding."""
-    structure, _ = jc.scenes.saddle(2, 2)
-    q = np.random.default_rng(0).uniform(1e3, 4e3, 12)
-    load = jc.NodalLoads(np.arange(structure.n_node), (0.0, 10.0, -300.0))
-    formed = jc.replace(structure, nodes=force_density(structure, q, load))
-    solution = jc.solve(formed, jc.Phase(force_density=q, loads=load))
-    assert int(solution.status) == 0 and int(solution.phases[0].path.iterations[0]) == 0
-    assert np.abs(solution.displacement).max() < 1e-12
-
-
 @pytest.mark.parametrize("solver", TWO)
 def test_transformations(solver):
     """jit, vmap, grad, jvp, jacfwd, jacrev, hessian agree, and with dense algebra in jax."""
@@ -139,39 +118,6 @@ def test_transformations(solver):
         # rounding times a condition below 100, twice
         assert np.abs(own - other).max() < 1e-11 * np.abs(other).max()
     assert np.abs(ours(p) - found[0]).max() < 1e-13  # without jit
-
-
-def test_gradients():
-    """By force densities, places of nodes and loads."""
-    structure, q, load = random_net(2)
-    weights = jnp.asarray(np.random.default_rng(7).normal(size=(8, 3)))
-
-    def number(p):
-        moved = jc.replace(structure, nodes=p["nodes"])
-        x = force_density(moved, p["q"], loads(p["loads"]), "dense")
-        return jnp.sum(jnp.sin(weights * x)) * 10
-
-    assert_gradient(number, {"q": q, "nodes": structure.nodes, "loads": load}, corrupted=1.05)
-
-
-@pytest.mark.slow
-def test_sparse_against_dense():
-    """A net large enough to be banded by default."""
-    structure, _ = jc.scenes.saddle(14, 13)
-    links = structure.elements.links.array
-    q = jnp.asarray(np.random.default_rng(0).uniform(0.5, 2, len(links)))
-
-    def lengths(q, solver):
-        x = force_density(structure, q, None, solver)
-        return jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2)
-
-    both = jax.jit(jax.value_and_grad(lengths), static_argnums=1)
-    expected = both(q, "dense")
-    for solver in [None, *SOLVERS[1:]]:
-        value, gradient = both(q, solver)
-        assert abs(value - expected[0]) < 1e-12 * expected[0]
-        # rounding times a condition of about 200
-        assert np.abs(gradient - expected[1]).max() < 1e-11 * np.abs(expected[1]).max()
 
 
 def test_groups_and_prefixes():
@@ -237,31 +183,3 @@ def test_single_precision():
     x = force_density(single, q, loads(load))
     assert x.dtype == jnp.float32
     assert np.abs(x - by_dense_algebra(structure, q, load)).max() < 1e-5
-
-
-BEAMS = jc.Structure(
-    chain(3).nodes,
-    jc.Beams([[0, 1], [1, 2], [2, 3]], section=jc.Section.disc(0.1, jc.Elastic(1e9), (2, 2))),
-    jc.clamped([0, 3]),
-)
-
-
-SLOWLY = jc.Varying(jc.SelfWeight(), [0.0, 1.0], [0.0, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ((BEAMS, 1.0), r"elements \(Beams\) is not made of straight"),
-        ((chain(3), 1.0, SLOWLY), r"loads\[0\]: Varying follows the load factor"),
-        ((chain(3), np.array([1.0, -1.0, 1.0])), r"q\[1\] = -1.0: a cable carries tension only"),
-        ((chain(3), jc.only([0, 2], 1.0)), "q: element 1 of elements has no force density"),
-        ((chain(3), None), "q: element 0 of elements has no force density"),
-        ((chain(3), np.ones(4)), "q: expected a scalar or shape"),
-        ((1.0, 1.0), "structure: expected a Structure, got float"),
-        ((chain(3), 1.0, None, "lu"), "linear_solver = 'lu'"),
-    ],
-)
-def test_refused(given, said):
-    with pytest.raises(ValueError, match=said):
-        force_density(*given)

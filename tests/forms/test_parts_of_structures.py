@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.problems import pulls_on_nodes
 from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
-from oracles.traced import traced
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
@@ -23,19 +23,6 @@ EA = 2e6
 def turned(angles=(0.3, -0.7, 1.1)):
     """A rotation matrix, [3, 3]."""
     return Rotation.from_euler("XYZ", angles).as_matrix()
-
-
-def pulls(structure, form):
-    """Forces of all elements of two ends on the nodes, [n_node, 3], by NumPy."""
-    x = np.asarray(form.positions)
-    total = np.zeros_like(x)
-    forces = structure.group_tree.flatten_up_to(form.tension)
-    for group, tension in zip(structure.groups, forces, strict=True):
-        for (i, j), force in zip(group.links.array, np.asarray(tension), strict=True):
-            pull = force * (x[j] - x[i]) / np.linalg.norm(x[j] - x[i])
-            total[i] += pull
-            total[j] -= pull
-    return total
 
 
 def stays_where_found(structure, form, loads=None):
@@ -142,7 +129,7 @@ def test_three_statements_in_one_problem():
     assert np.abs(found[L] / (1.02 * length[L]) - 1).max() < 1e-10
     assert np.abs(np.asarray(form.tension)[q] / found[q] / Q[q] - 1).max() < 1e-10
     assert np.abs(np.asarray(form.tension)[T] / (Q[T] * length[T]) - 1).max() < 1e-10
-    left = pulls(SADDLE, form)[FREE] + [3.0, -5.0, -40.0]
+    left = pulls_on_nodes(SADDLE, form.positions, form.tension)[FREE] + [3.0, -5.0, -40.0]
     assert np.abs(left).max() < 1e-10 * np.abs(form.tension).max()
     # the same where a support holds another direction, by the method of multipliers
     held = jc.pinned(PART[1:]) + jc.restrained(PART[:1], "xyz", axes=turned())
@@ -152,14 +139,6 @@ def test_three_statements_in_one_problem():
     assert int(other.status) == 0
     assert np.abs(other.positions - x).max() < 1e-10
     assert np.abs(other.tension - form.tension).max() < 1e-8 * np.abs(form.tension).max()
-
-
-def test_force_densities_alone():
-    loads = jc.NodalLoads(FREE, (3.0, -5.0, -40.0))
-    form = converged(jc.find_form(SADDLE, force_density=Q, loads=loads))
-    assert np.abs(form.positions - jc.force_density(SADDLE, Q, loads)).max() < 1e-12
-    assert np.abs(form.force_density / Q - 1).max() < 1e-13
-    assert stays_where_found(SADDLE, form, loads)
 
 
 # --- elements that keep their law
@@ -285,6 +264,8 @@ TENT = jc.Structure(  # four cables from the corners of a square of 4 m to a nod
     jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=EA),
     jc.pinned(range(4)),
 )
+
+
 SIDES = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
 
 
@@ -310,27 +291,6 @@ def test_inner_pressure_and_a_moved_support():
     assert np.abs(z - exact).max() < 1e-9
     assert np.abs(by_p - area / 12 / q).max() < 1e-9
     assert np.abs(by_q + p * area / 12 / q**2).max() < 1e-9
-
-
-CHAIN = jc.Structure(
-    np.column_stack([np.linspace(0, 1, 5), 0.0 * np.arange(5), -0.1 * np.arange(5) % 0.3]),
-    jc.Cables([[0, 1], [1, 2], [2, 3], [3, 4]], axial_stiffness=1e3, weight=20.0),
-    jc.pinned([0, 4]),
-)
-
-
-@pytest.mark.slow
-def test_links_of_given_length_under_their_weight():
-    """Lengths, node balance by NumPy with the weight of the unstressed lengths, the analysis."""
-    length = np.array([0.30, 0.28, 0.27, 0.31])
-    form = converged(jc.find_form(CHAIN, length=length, loads=jc.SelfWeight()))
-    assert np.abs(form.length / length - 1).max() < 1e-10
-    weight = 20.0 * length / (1 + np.asarray(form.tension) / 1e3)
-    loads = np.zeros((5, 3))
-    loads[:-1, 2] -= weight / 2
-    loads[1:, 2] -= weight / 2
-    assert np.abs(pulls(CHAIN, form) + loads)[1:4].max() < 1e-9
-    assert stays_where_found(CHAIN, form, jc.SelfWeight())
 
 
 # --- derivatives, batches, failures
@@ -372,29 +332,6 @@ def test_gradient(lengths):
 
     gradient = assert_gradient(number, ONES, 20.0)
     assert (np.abs(gradient) > 1e-6).all()  # each number counts
-
-
-@pytest.mark.slow
-def test_no_form_is_a_status_beside_sound_cases():
-    """In a batch: NaN with NaN derivatives; others have theirs, also by numbers that are shared."""
-
-    @traced
-    def of_case(p, shared, which):
-        forms = jax.vmap(lambda p: bay(p.at[2].set(p[2] * shared)))(p)
-        return forms.positions[which, 1, 2], (forms.status, forms.positions)
-
-    cases = jnp.stack([ONES, ONES.at[3].set(1e9), ONES.at[2].set(-1.0), ONES.at[1].set(-1.0)])
-    rates = traced(jax.value_and_grad(of_case, argnums=(0, 1), has_aux=True))
-    (height, (status, places)), (rate, shared) = rates(cases, 1.0, 0)
-    assert int(status[0]) == 0 and int(status[2]) == jc.status.INVALID_INPUT
-    assert status[1:].all()
-    assert np.isfinite(places[0]).all() and np.isnan(places[1:]).all()
-    alone, slope = jax.value_and_grad(lambda p: bay(p).positions[1, 2])(ONES)
-    assert float(height) == pytest.approx(float(alone), abs=1e-12)
-    assert np.abs(rate[0] - slope).max() < 1e-9
-    assert float(shared) == pytest.approx(float(slope[2]), rel=1e-9)
-    (_, _), (rate, shared) = rates(cases, 1.0, 1)
-    assert np.isnan(rate[1]).all() and np.isnan(shared)
 
 
 def test_unknown_lengths_are_a_status():

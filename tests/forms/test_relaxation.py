@@ -9,7 +9,7 @@ from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common.selection import only
-from jaxcable.forms import dynamic_relaxation, find_form, relaxation
+from jaxcable.forms import dynamic_relaxation, find_form
 
 EA = 2e4
 
@@ -29,27 +29,14 @@ def down(force):
 
 def test_minimal_net_of_a_saddle_frame_as_by_newton():
     structure, _ = jc.scenes.saddle(4, 4, rise=0.3)
-    newton, relaxed = find_form(structure, 1e3), dynamic_relaxation(structure, 1e3)
+    start = structure.nodes + 0.5 * np.random.default_rng(1).normal(size=structure.nodes.shape)
+    newton, relaxed = find_form(structure, 1e3), dynamic_relaxation(structure, 1e3, start=start)
     assert int(newton.status) == int(relaxed.status) == 0
     # both within 1e-10 of 4 T over a stiffness of about T/l
     assert np.abs(newton.positions - relaxed.positions).max() < 1e-8
     assert np.abs(relaxed.rest_length - newton.rest_length).max() < 1e-8
     assert (np.asarray(relaxed.tension) == 1e3).all()
     assert float(relaxed.relative_residual) <= 1e-10
-
-
-@pytest.mark.slow_cases("0")
-@pytest.mark.parametrize("seed", [0, 1])
-def test_as_by_newton_from_another_start_and_with_loads(seed):
-    structure, _ = jc.scenes.saddle(4, 3, rise=0.3)
-    rng = np.random.default_rng(seed)
-    T = rng.uniform(950, 1050, len(structure.elements.links))
-    load = jc.NodalLoads(np.arange(structure.n_node), rng.normal(size=(structure.n_node, 3)) * 30)
-    newton = find_form(structure, T, load)
-    start = structure.nodes + rng.normal(size=structure.nodes.shape)
-    relaxed = dynamic_relaxation(structure, T, loads=load, start=start)
-    assert int(newton.status) == int(relaxed.status) == 0
-    assert np.abs(newton.positions - relaxed.positions).max() < 1e-8
 
 
 def test_two_links_closed_form():
@@ -150,27 +137,3 @@ def test_failures_are_statuses():
     assert int(lost.status) == jc.status.NONFINITE
     for form in (away, early, drawn, lost):
         assert np.isnan(form.positions).all() and np.isnan(form.rest_length).all()
-
-
-def test_changing_numbers_is_not_traced_again(monkeypatch):
-    dynamic_relaxation(LINKS, 10.0, loads=down(5.0))
-    monkeypatch.setattr(relaxation, "cast_floats", None)  # which tracing calls
-    moved = jc.replace(LINKS, nodes=np.asarray(LINKS.nodes) * 2)
-    load = jc.NodalLoads([2], jnp.array([0.0, 1.0, -5.0]))
-    form = dynamic_relaxation(moved, 20.0, loads=load, tol=1e-9, max_steps=50_000)
-    assert int(form.status) == jc.status.OK
-
-
-@pytest.mark.parametrize(
-    ("statements", "options", "said"),
-    [
-        ((1.0, only([1], 1.0)), {}, "tension, rest_length: element 1 of elements has both"),
-        ((-1.0,), {}, r"tension\[0\] = -1.0: a cable carries tension only"),
-        ((), {"rest_length": 0.0}, r"rest_length\[0\] = 0.0: must be positive"),
-        ((1.0,), {"start": np.zeros((2, 3))}, r"start: expected shape \(3, 3\), got \(2, 3\)"),
-        ((1.0,), {"tol": 0.0}, r"tol = 0\.0: must be positive"),
-    ],
-)
-def test_refused(statements, options, said):
-    with pytest.raises(ValueError, match=said):
-        dynamic_relaxation(LINKS, *statements, **options)

@@ -45,14 +45,6 @@ def test_solutions_and_products(n, b):
         np.testing.assert_allclose(factor[k, : len(own)], own, rtol=1e-13, atol=1e-14)
 
 
-def test_single_precision():
-    full, band = banded(40, 6)
-    rhs = RNG.normal(size=40)
-    _, x = rolling.factorize_and_solve(band.astype(jnp.float32), jnp.asarray(rhs, jnp.float32))
-    assert x.dtype == jnp.float32
-    np.testing.assert_allclose(x, np.linalg.solve(full, rhs), rtol=0, atol=1e-6)
-
-
 def test_only_matrices_known_to_be_definite():
     number = np.arange(10)[:, None] + np.arange(3)
     for definite in (False, True):

@@ -63,7 +63,7 @@ def transformed(function, count):
     )
 
 
-@pytest.mark.slow_cases("lstsq", "triangular")
+@pytest.mark.slow_cases("lstsq", "short", "triangular")
 @pytest.mark.parametrize("name", SAME)
 def test_values_and_derivatives_are_those_of_jax(name):
     """In batches, too. Rounding: the matrices' condition is below 1e3, eps times that 2e-13."""

@@ -1,6 +1,5 @@
-"""Uniaxial laws: reversible curves, derivatives with respect to points, presets, parallel laws."""
+"""Uniaxial laws: reversible curves, inverses, presets, parallel laws."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from banks.laws import (
     CURVES,
     ELASTIC,
     LAWS,
-    SYMMETRIC,
     E,
     apart,
     area_under,
@@ -153,70 +151,6 @@ def test_rising_is_known_from_the_points():
     assert all(law.monotone for law in [*ELASTIC.values(), *CABLES.values(), jc.Elastic(E)])
 
 
-# --- derivatives with respect to the points
-
-
-def taylor_slope(values, f0, rate, steps):
-    remainder = np.abs(np.asarray(values) - f0 - steps * rate)
-    return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
-
-
-TAYLOR = {
-    "reversible": (CURVES["softening"], "reversible", [-3e-3, -8e-4, 5e-4, 1.6e-3, 4e-3]),
-    "elastic": (SYMMETRIC, "elastic", [-9e-3, 2e-3, 6e-3, 1.1e-2, 1.6e-2]),
-    "strand": (CURVES["tension-only"], "elastic", [8e-3, 1e-2, 1.2e-2, 1.6e-2, 2.1e-2]),
-}
-
-TARGETS = np.array([0.15, 0.75, 0.97])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TAYLOR)
-def test_taylor_of_the_points(name):
-    """Stress, energy and inverse; with elastic unloading after loading to 0.6 of the curve."""
-    (strain, stress), unloading, at = TAYLOR[name]
-    strain, stress, at = np.array(strain), np.array(stress), np.array(at)
-    n, top, end = len(strain), stress.max(), strain[-1]
-
-    def measures(change):
-        e, s = strain * (1 + change[:n]), stress * (1 + change[n:])
-        law = jc.Polygonal(e, s, unloading)
-        memory = unloaded = None
-        if law.n_memory:  # the path is part of what is differentiated
-            unused = jnp.zeros((len(at), law.n_memory))
-            memory = law.commit_memory(jnp.full(len(at), 0.6 * end), unused)
-            unloaded = memory[: len(TARGETS)]
-        weights = jnp.arange(1.0, 1.0 + len(at))
-        return jnp.stack(
-            [
-                weights @ law.stress_at(at, memory) / top,
-                weights @ law.energy_at(at, memory) / (top * end),
-                weights[:3] @ law.strain_at(TARGETS * top, unloaded) / end,
-            ]
-        )
-
-    # steps: small against the distance of a corner (2 % of a strain), large against rounding
-    steps = 2e-3 * 0.5 ** np.arange(4)
-    direction = np.random.default_rng(3).normal(size=2 * n)
-    direction[-1] = 1.0  # the entry that is corrupted below
-    changes = np.append(0.0, steps)[:, None] * direction
-    # a row for each of the three: their gradients, as by jax.grad
-    gradients = np.asarray(traced(jax.jacrev(measures))(changes[0]))
-    f0, *values = np.asarray(traced(jax.vmap(measures))(changes))
-    values = np.array(values)
-    law = jc.Polygonal(strain, stress, unloading)  # of points that are known when it is compiled
-    memory = history(law, [0.6 * end])[4][0] if law.n_memory else None
-    expected = np.arange(1.0, 1.0 + len(at)) @ evaluate(law, at, memory)[0] / top
-    assert f0[0] == pytest.approx(expected, rel=1e-13)
-    for k, quantity in enumerate(["stress", "energy", "inverse"]):
-        slope = taylor_slope(values[:, k], f0[k], gradients[k] @ direction, steps)
-        assert abs(slope - 2) < 0.1, (quantity, slope)
-        # negative control: one entry off by a tenth of the largest
-        wrong = gradients[k].copy()
-        wrong[-1] += 0.1 * np.abs(wrong).max()
-        assert taylor_slope(values[:, k], f0[k], wrong @ direction, steps) < 1.5, quantity
-
-
 # --- presets and parallel laws
 
 
@@ -290,17 +224,6 @@ def test_parallel_law_is_the_weighted_sum():
     assert law.has_rupture and law.monotone and law.n_memory == 2
 
 
-@pytest.mark.slow
-def test_a_parallel_law_in_series_with_a_spring():
-    at, unused, compliance = np.linspace(-0.04, 0.02, 50), np.zeros(2), 3e-12
-    pull = evaluate(TRIO, at, unused)[0]
-    soft, size = TRIO.in_series_with_spring(compliance), rounding(materials.steel())
-    stress, _, _, gradient, *_ = evaluate(soft, at + compliance * pull, unused)
-    # rounding of the strain over a slope that is at most three times smaller
-    assert apart(stress, pull) <= 4 * size
-    assert apart(gradient, stress) <= 4 * size
-
-
 def test_limits_and_capacity_of_a_parallel_law():
     """The first end: steel in compression, the strand in tension."""
     steel, end = materials.steel(), 0.02 / 0.9
@@ -325,17 +248,6 @@ def test_inverse_of_a_parallel_law(state):
     # rounding of the stress over the smallest slope, 2 GPa
     assert apart(got, at) <= 10 * rounding(materials.steel()) / 2e9
     assert np.isnan(invert(TRIO, [2e9], memory)[0]).all()
-
-
-def test_parallel_law_without_plastic_strains_is_the_first_loading():
-    """As of its parts: `memory=None`."""
-    at = samples(TRIO.laws[2], 100)
-    stress, _, _, gradient, distance, _ = evaluate(TRIO, at)
-    each = [evaluate(law, at) for law in TRIO.laws]
-    size = rounding(materials.steel())
-    assert apart(stress, sum(a * v[0] for a, v in zip(SHARES, each, strict=True))) <= size
-    assert apart(gradient, stress) <= size
-    assert apart(distance, np.min([v[4] for v in each], axis=0)) <= 1e-17  # the same
 
 
 def test_slack_of_a_parallel_law_is_told_strain_by_strain():

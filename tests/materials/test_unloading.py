@@ -17,8 +17,6 @@ from banks.laws import (
     samples,
 )
 
-from jaxcable import materials
-
 # --- three independent algorithms
 
 
@@ -177,44 +175,6 @@ def test_energy_at_given_plastic_strains_starts_from_zero_and_is_convex(law):
     trapezia = np.cumsum(0.5 * (stress[1:] + stress[:-1]) * step)
     missed = 0.25 * float(law.modulus) * step**2 * (2 * law.n_memory + 1)
     assert apart(energy[1:] - energy[0], trapezia) <= missed
-
-
-def test_closed_form_path_of_steel():
-    """Load, unload, yield backwards after twice the yield strain."""
-    law = materials.steel()
-    fy, tangent, e1, e2 = 235e6, 2.1e9, 0.010, 0.002
-    ey = fy / 210e9
-    s1 = fy + tangent * (e1 - ey)
-    reverse = s1 - 210e9 * 2 * ey - tangent * (e1 - 2 * ey - e2)
-    stress, _, _, _, memory, _ = history(law, [e1, e1 - s1 / 210e9, e2])
-    # a few roundings of the stress E e = 2.1 GPa
-    assert apart(stress, np.array([s1, 0.0, reverse])) <= 1e-5
-    expected = np.array([[e1 - ey], [e1 - ey], [e2 + ey]])
-    assert apart(memory, expected) <= 1e-16  # one rounding of a strain of 0.01
-    distance = evaluate(law, [e1, e1 - 2 * ey], memory[0])[4]
-    assert distance.max() <= 4e-18  # both are corners, to a rounding of a strain of 0.01
-    beside = [e1 + 1e-9, e1 - 1e-9, e1 - 2 * ey + 1e-9, e1 - 2 * ey - 1e-9]
-    slopes = evaluate(law, beside, memory[0])[1]
-    assert np.allclose(slopes, [tangent, 210e9, 210e9, tangent], rtol=1e-14)
-
-
-def test_closed_form_path_of_a_strand():
-    """Load beyond yield, go slack, reload from the slack strain, go on along the curve."""
-    law = materials.strand()
-    fp, e1 = 0.9 * 1860e6, 0.015
-    ey, end = fp / 195e9, 0.02 / 0.9
-    tangent = (1860e6 - fp) / (end - ey)
-    s1 = fp + tangent * (e1 - ey)
-    slack = e1 - s1 / 195e9
-    path = np.array([e1, slack - 1e-3, slack + 1e-3, -0.01, 0.5 * (e1 + slack), 0.02])
-    expected = np.array([s1, 0, 195e6, 0, 0.5 * s1, fp + tangent * (0.02 - ey)])
-    stress, _, _, _, memory, slack = history(law, path)
-    # a few roundings of the stress E e = 3.9 GPa
-    assert apart(stress, expected) <= 1e-5
-    # first loading moves it, going slack and back does not; a rounding of a strain of 0.01
-    assert apart(memory[:5, 0], e1 - ey) <= 1e-16
-    assert memory[5, 0] == pytest.approx(0.02 - ey, rel=1e-14)
-    assert slack.tolist() == [False, True, False, True, False, False]
 
 
 @pytest.mark.slow_cases("four points", "strand")

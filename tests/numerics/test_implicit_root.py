@@ -3,7 +3,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from jax import lax
 from oracles.traced import traced
 
@@ -71,10 +70,9 @@ def derivatives(function, orders):
 MODES = [(outer, inner) for outer in (jax.jacfwd, jax.jacrev) for inner in (jax.jacfwd, jax.jacrev)]
 
 
-@pytest.mark.parametrize("scan", [True, False])
-def test_derivatives_in_every_order_of_the_modes(scan):
+def test_derivatives_in_every_order_of_the_modes():
     value, gradient, (hessian,), third = derivatives(without_loop, MODES[1:2])(AT)
-    found = derivatives(lambda p: chain(p, scan), MODES)(AT)
+    found = derivatives(chain, MODES)(AT)
     np.testing.assert_allclose(found[0], value, rtol=1e-13)
     np.testing.assert_allclose(found[1], gradient, rtol=1e-13)
     for own in found[2]:
@@ -94,16 +92,6 @@ def test_batches():
     np.testing.assert_allclose(traced(jax.hessian(several(chain)))(AT), expected, rtol=1e-12)
     found = traced(jax.vmap(jax.hessian(chain)))(jnp.stack([AT, 2 * AT]))
     np.testing.assert_allclose(found[0] + 4 * found[1], expected, rtol=1e-11)
-
-
-def test_roots_of_jax_lose_them():
-    """Why there is `implicit_root`: jax 0.10 loses second derivatives, jax 0.12 does not."""
-    found = jax.jvp(jax.grad(lambda p: chain(p, True, by_jax)), (AT,), (ALONG,))[1]
-    if jax.__version_info__ < (0, 11):
-        np.testing.assert_array_equal(found, 0.0)
-    elif jax.__version_info__ >= (0, 12):
-        expected = jax.jvp(jax.grad(chain), (AT,), (ALONG,))[1]
-        np.testing.assert_allclose(found, expected, rtol=1e-11)
 
 
 def test_the_loop_that_finds_a_root_in_an_interval():

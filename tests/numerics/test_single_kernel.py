@@ -37,8 +37,8 @@ def close(one, other):
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13), one, other)
 
 
-def of_floats(function, name="z"):
-    return lambda *arguments: jnp.sum(function(*arguments)[name] ** 3)
+def of_floats(function):
+    return lambda *arguments: jnp.sum(function(*arguments)["z"] ** 3)
 
 
 def test_values():
@@ -54,14 +54,7 @@ def repeated(f):
 
 TRANSFORMS = {
     "gradient": lambda f: jax.grad(of_floats(f), (0, 1)),
-    "forward": lambda f: jax.jacfwd(of_floats(f), (0, 1)),
     "Hessian": lambda f: jax.hessian(of_floats(f)),
-    "reverse over forward": lambda f: jax.jacrev(jax.jacfwd(of_floats(f)), 1),
-    "reverse over reverse": lambda f: jax.grad(
-        lambda x, s: jnp.sum(jax.grad(of_floats(f))(x, s) ** 2)
-    ),
-    "third": lambda f: jax.jacfwd(jax.hessian(of_floats(f, "y"))),
-    "values of a jvp": lambda f: lambda x, s: jax.jvp(f, (x, s), (s, x))[0],
     "jvp": lambda f: lambda x, s: jax.jvp(of_floats(f), (x, s), (s, x)),
     "in a scan": lambda f: jax.grad(repeated(f)),
 }
@@ -75,18 +68,7 @@ def test_derivatives(name):
         close(transform(WHOLE)(X, SHIFT), transform(plain)(X, SHIFT))
 
 
-def test_slopes_are_those_of_the_values():
-    function, direction = jax.jit(of_floats(WHOLE)), jnp.array([0.2, -0.5, 1.0])
-    slope = jnp.vdot(jax.grad(function)(X, SHIFT), direction)
-    errors = []
-    for h in (1e-2, 1e-3):
-        off = function(X + h * direction, SHIFT) - function(X - h * direction, SHIFT)
-        errors.append(abs(off / (2 * h) - slope))
-    assert 1.9 < np.log10(errors[0] / errors[1]) < 2.1
-    assert errors[1] < 1e-4 * abs(slope)
-
-
-@pytest.mark.parametrize("axes", [(0, None), (None, 0), (0, 0), (1, 0)])
+@pytest.mark.parametrize("axes", [(0, None), (1, 0)])
 def test_batches(axes):
     """Of values, gradients and Hessians."""
     many = jnp.stack([X, 2 * X, X - 1, 0 * X])

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable import materials
@@ -65,11 +66,11 @@ def sizes(section):
 # --- by the package
 
 
-@jax.jit
+@traced
 def forces(section, strains):
     return jnp.stack(section.forces(*strains.T), axis=-1)
 
 
-@jax.jit
+@traced
 def tangent(section, strain):
     return jax.jacfwd(lambda v: jnp.stack(section.forces(*v)))(strain)

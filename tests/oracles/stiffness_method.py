@@ -207,16 +207,3 @@ def _regular_solve(K, f):
     if len(K) and np.abs(np.linalg.eigvalsh(scaled)).min() < 1e-14:
         raise ValueError("the frame is a mechanism")
     return solve(scaled, f / scale, assume_a="sym") / scale
-
-
-# Closed forms -----------------------------------------------------------------------------------
-
-
-def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
-    """Critical uniform moment of a fork-ended beam without warping; EIy carries the moment.
-
-    Timoshenko & Gere, Theory of Elastic Stability, ch. 6; with the curvature before buckling:
-    Trahair, Flexural-Torsional Buckling of Structures (after Michell 1899).
-    """
-    moment = np.pi / L * np.sqrt(EIz * GJ)
-    return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment

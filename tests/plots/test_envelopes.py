@@ -92,6 +92,7 @@ def without_rope():
     return solutions, jc.design.envelope(STRUCTURE, solutions, NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["displacement", "tension", "Vz"])
 def test_removed_elements_are_not_drawn(without_rope, of):
     """The rope from (2, 2) down to the beam is the only element above 0.6 m."""
@@ -101,6 +102,7 @@ def test_removed_elements_are_not_drawn(without_rope, of):
     assert len(parts) >= 4 and max(part[:, 1].max() for part in parts if len(part)) < 0.6
 
 
+@pytest.mark.slow
 def test_displaced_beams_are_bent(without_rope):
     """Halves of a beam under a force in the middle: at quarters 11/16 of what the middle moves."""
     solutions, envelope = without_rope
@@ -161,23 +163,19 @@ def test_failed_cases_are_not_drawn(solved):
     assert "all 1 cases" in legend(figure) and legend(figure)[0].endswith("wind")
 
 
-REFUSED = {
-    "of = 'Mq': is no result": {"of": "Mq"},
-    "of = 'reactions': has no number for each element": {"of": "reactions"},
-    "high = 0: must be positive": {"high": 0},
-    "view = 'side'": {"view": "side"},
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_what_cannot_be_drawn_is_refused(solved, message):
-    with pytest.raises(ValueError, match=message):
-        jc.plots.envelope_diagram(STRUCTURE, solved[1], **REFUSED[message])
-    with pytest.raises(ValueError, match="envelope: expected a ResultEnvelope"):
-        jc.plots.envelope_diagram(STRUCTURE, solved[0])
-    one = jax.tree.map(lambda x: np.asarray(x)[:1], solved[0])
-    with pytest.raises(ValueError, match="solutions: must be the batch of the 2 cases"):
-        jc.plots.envelope_diagram(STRUCTURE, solved[1], "displacement", solutions=one)
+def test_what_cannot_be_drawn_is_refused(solved):
+    solutions, envelope = solved
+    one = jax.tree.map(lambda x: np.asarray(x)[:1], solutions)
+    for given, options, message in (
+        (envelope, {"of": "Mq"}, "of = 'Mq': is no result"),
+        (envelope, {"of": "reactions"}, "of = 'reactions': has no number for each element"),
+        (envelope, {"high": 0}, "high = 0: must be positive"),
+        (envelope, {"view": "side"}, "view = 'side'"),
+        (solutions, {}, "envelope: expected a ResultEnvelope"),
+        (envelope, {"of": "displacement", "solutions": one}, "must be the batch of the 2 cases"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jc.plots.envelope_diagram(STRUCTURE, given, **options)
 
 
 def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):

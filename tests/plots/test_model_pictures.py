@@ -1,7 +1,6 @@
 """Pictures of a structure before any analysis: numbers are where they belong, none is covered."""
 
 import numpy as np
-import pytest
 from matplotlib.colors import to_rgba
 from mpl_toolkits.mplot3d import proj3d
 
@@ -80,11 +79,6 @@ def test_the_command_draws_without_an_analysis(tmp_path, capsys, monkeypatch):
     assert "<svg" in (tmp_path / "m.svg").read_text()
     assert main(["plot", "mast.json", "--of", "model", "--reactions"]) == 2
     assert "--reactions: not for diagrams and --of model" in capsys.readouterr().err
-
-
-def test_a_wrong_view_is_refused():
-    with pytest.raises(ValueError, match="view = 'front': expected"):
-        jc.plots.model(MAST, view="front")
 
 
 def test_long_names_and_titles_stay_within_the_picture():

@@ -1,6 +1,5 @@
 """Elements that come and go, as results, reports and pictures show them."""
 
-import jax
 import numpy as np
 import pytest
 
@@ -38,42 +37,11 @@ def failed(hung):
     return jc.solve(structure, [push, *phases[1:]], jc.Newton(max_steps=1))
 
 
-@pytest.mark.slow
-def test_results_say_what_is_there(hung):
-    structure, phases, solution = hung
-    names = ("row", "aid")
-    found = [[np.asarray(p.present[name]).tolist() for name in names] for p in solution.phases]
-    assert found == [[[1, 0], [1]], [[1, 1], [1]], [[1, 1], [0]]]
-    assert np.asarray(solution.present["aid"]).tolist() == [0]
-    assert np.asarray(solution.phases[0].path.present["row"]).tolist() == [[1, 0]]
-    assert list(solution.element_results) == ["tension", "peak_tension", "present"]
-    alone = jc.solve(structure, phases[:1])  # where nothing comes or goes
-    assert (
-        int(alone.status) == 0 and alone.present is None and "present" not in alone.element_results
-    )
-    notes = jc.report(structure, alone).tables["members"].notes
-    assert "no final force: the element is not active in the final state" not in notes
-
-
 def test_a_failed_analysis_does_not_know(failed):
     assert int(failed.status) != 0
     assert np.isnan(np.asarray(failed.present["row"])).all()
     with pytest.raises(ValueError, match="no phase has converged"):
         jc.plots.sequence(failed)
-
-
-@pytest.mark.slow
-def test_a_batch_knows_it_of_every_case(hung):
-    structure, _, _ = hung
-
-    def final(adds):
-        phases = [jc.Phase(), jc.Phase(adds={"row": adds, "aid": None})]
-        solution = jc.solve(structure, phases)
-        return solution.phases[0].present["row"], solution.status
-
-    masks = np.array([[False, True], [False, False]])
-    present, codes = jax.vmap(final)(masks)
-    assert np.asarray(present).tolist() == [[1, 0], [1, 1]] and not codes.any()
 
 
 def test_reports_leave_out_what_is_not_there(hung):
@@ -97,8 +65,12 @@ def test_reports_leave_out_what_is_not_there(hung):
     assert "present" not in report.tables
 
 
-def test_files_say_it(hung, tmp_path):
+def test_files_and_results_say_it(hung, tmp_path):
     structure, _, solution = hung
+    names = ("row", "aid")
+    found = [[np.asarray(p.present[name]).tolist() for name in names] for p in solution.phases]
+    assert found == [[[1, 0], [1]], [[1, 1], [1]], [[1, 1], [0]]]
+    assert np.asarray(solution.phases[0].path.present["row"]).tolist() == [[1, 0]]
     jc.files.save_result(tmp_path / "hung.csv", structure, solution)
     text = (tmp_path / "hung-elements.csv").read_text().splitlines()
     column = text[0].split(",").index("present (-)")
@@ -134,19 +106,6 @@ def test_the_view_tells_them_apart(hung):
         for column in all_result_columns(shots[0].element_results, found.parts, structure)
     ]
     assert "tension" in labels and "present" not in labels
-
-
-@pytest.mark.parametrize(
-    "options, said",
-    [
-        ({"names": ["one"]}, "names: 1 of them, but 3 phases"),
-        ({"columns": 0}, "columns = 0: must be a positive integer"),
-        ({"color": "mood"}, "color = 'mood'"),
-    ],
-)
-def test_sequences_that_are_refused(hung, options, said):
-    with pytest.raises(ValueError, match=said):
-        jc.plots.sequence(hung[2], **options)
 
 
 def test_the_command_line_counts_them(hung, tmp_path, capsys):

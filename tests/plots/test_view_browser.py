@@ -74,20 +74,6 @@ def choose(page, control, value):
 
 
 @pytest.mark.slow
-def test_an_element_tells_its_numbers(page, net):
-    solution = net[0]
-    for number in (3, 17):
-        click(page, "element", number)
-        name, found = values(page)
-        assert name == f"Element {number}" and found["state"] == "taut"
-        assert found["tension"] == pytest.approx(float(solution.tension[number]), rel=1e-4)
-        length = float(solution.rest_length[number])
-        assert found["unstressed length"] == pytest.approx(length, rel=1e-6)
-        links = solution.links[0].array[number]
-        assert found["nodes"] == f"{links[0]}, {links[1]}"
-
-
-@pytest.mark.slow
 def test_a_node_tells_its_numbers(page, net):
     solution = net[0]
     loaded = int(np.abs(np.asarray(solution.load)[:, 2]).argmax())
@@ -119,18 +105,6 @@ def test_the_slider_goes_through_phases(page, net):
     assert shots[-2]["phase"] == 2
     expected = float(solution.phases[1].path.tension[number, 3])
     assert values(page)[1]["tension"] == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.slow
-def test_exaggerated_displacements(page, net):
-    solution = net[0]
-    free = int(np.abs(np.asarray(solution.phases[1].displacement_in_phase)[:, 2]).argmax())
-    height = f"view.shown.nodes[{3 * free + 2}]"
-    once = page.evaluate(height)
-    choose(page, "magnify", 50)
-    assert page.locator("#magnify-value").inner_text() == "10"
-    moved = float(solution.phases[1].displacement_in_phase[free, 2])
-    assert page.evaluate(height) - once == pytest.approx(9 * moved, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -243,22 +217,6 @@ def test_faces_are_filled_and_picked(chromium, tmp_path):
         choose(own, "shot", 0)
         assert brightness(own)[1] < 0.05 * filled
         assert own.faults == []
-
-
-@pytest.mark.slow
-def test_absent_elements_are_not_drawn_and_not_picked(page):
-    """Of all elements but one the page is told that they are absent."""
-    before = brightness(page)[1]
-    page.evaluate("view.model.get('looks').forEach((_, k, all) => { all[k] |= 4; })")
-    page.evaluate("view.model.get('looks')[view.shown.shot * view.model.nElem + 3] &= 3")
-    page.locator("#ghost").uncheck()
-    page.locator("#supports").uncheck()
-    assert 20 < brightness(page)[1] < 0.3 * before
-    assert "30 inactive, not drawn" in page.locator("#keys").inner_text()
-    click(page, "element", 3)
-    assert values(page)[0] == "Element 3"
-    click(page, "element", 17)
-    assert page.locator("#picked").is_hidden()
 
 
 def test_without_webgl_it_says_so(chromium, net):

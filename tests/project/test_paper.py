@@ -123,46 +123,6 @@ def test_accuracy_cable_study(study, tmp_path):
 
 
 @pytest.mark.slow
-def test_accession_study(study, tmp_path):
-    module = study("accession_curves")
-    names = (module.PAPERS, "tangent, 0 corrections", "tangent, 1 correction")
-    counts = (20, 50, 100, 200, 1000, 5000)
-    table, found, orders, limits = module.main(
-        (5,), {name: module.METHODS[name] for name in names}, counts, single=True
-    )
-    assert [round(orders[5, name]) for name in names] == [1, 2, 4]
-    # it diverges below some increment, in single precision earlier; the tangent form does not
-    assert limits[5, module.PAPERS] == (1000, 5000)
-    assert limits[5, module.SINGLE] == (200, 1000)
-    assert limits[5, names[1]] == limits[5, names[2]] == (5000, None)
-    assert (found[5, names[2]][2] == 0).all()
-    assert table[5, module.PAPERS][-1] > 10  # %
-    assert "diverge" in written(tmp_path, "accession_curves")
-
-
-@pytest.mark.slow
-def test_flat_net_study(study, tmp_path):
-    module = study("flat_net_path")
-    runs, gaps, deviations = module.main((40, 200))
-    assert runs["full Newton", 40][1] == 40 and runs["tangent, 1 correction", 200][1] == 200
-    assert np.abs(gaps["full Newton", 40]).max() < 1e-9
-    assert max(deviations["tangent, 1 correction", 200]) < 1e-4
-    assert np.abs(gaps["secant, 1 solve (paper)", 40]).max() < 1.0
-    assert np.abs(gaps["secant, 1 solve (paper)", 200]).max() > 10  # 0.5 %: it diverges
-    assert "diverges" in written(tmp_path, "flat_net_path")
-
-
-@pytest.mark.slow
-def test_hypar_net_study(study, tmp_path):
-    module = study("hypar_net")
-    _, off, solution, gaps = module.main((10, 10))
-    assert int(solution.status) == 0
-    assert set(off) == set(jc.scenes.hypar.PUBLISHED)
-    assert gaps["tangent, 1 correction"] < 1e-3
-    assert "identified" in written(tmp_path, "hypar_net")
-
-
-@pytest.mark.slow
 def test_saddle_net_study(study, tmp_path):
     module = study("saddle_net")
     runs, gaps, fit, trials = module.main((20, 40), fresh=4, hops=2)

@@ -119,27 +119,6 @@ def test_shear_of_a_stocky_mast(sides, pattern):
     assert fifth - first == pytest.approx(4 * PANEL / section.GAy, rel=0.02)
 
 
-@pytest.mark.slow
-def test_beams_of_a_lattice_section_and_bars_of_a_mast():
-    """The same by `solve`: wind at all levels, and the bars one by one."""
-    sides, panels, force = 4, 24, 200.0
-    nodes, links, stiffness, _ = mast(sides, panels, "X")
-    bars = jc.Bars(links, axial_stiffness=stiffness)
-    structure = jc.Structure(nodes, bars, jc.pinned(range(sides)))
-    levels = np.arange(sides, sides * (panels + 1))
-    wind = jc.Phase(loads=jc.NodalLoads(levels, (force / sides, 0.0, 0.0)))
-    built = jc.solve(structure, wind)
-    section = jc.sections.lattice(sides, WIDTH, PANEL, LEG, DIAGONAL, STRUT, "X")
-    axis = np.array([[0.0, 0.0, k * PANEL] for k in range(panels + 1)])
-    beams = jc.Beams([[k, k + 1] for k in range(panels)], section=section)
-    beam = jc.Structure(axis, beams, jc.clamped([0]))
-    at = np.arange(1, panels + 1)
-    found = jc.solve(beam, jc.Phase(loads=jc.NodalLoads(at, (force, 0.0, 0.0))))
-    assert built.status == found.status == 0
-    tip = float(built.displacement[-sides:, 0].mean())
-    assert float(found.displacement[-1, 0]) == pytest.approx(tip, rel=0.02)
-
-
 def test_a_lattice_section_has_derivatives():
     def stiffness(leg, diagonal):
         section = jc.sections.lattice(3, WIDTH, PANEL, leg, diagonal)

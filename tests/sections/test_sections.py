@@ -93,26 +93,6 @@ def test_forces_of_a_nonlinear_section_are_the_fibre_sum(name):
         assert np.abs(matrix - own).max() <= 1e-14 * np.abs(at_zero).max()
 
 
-def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
-    section = SECTIONS["concrete-filled tube"]
-    e0, ky, kz = strains = np.random.default_rng(3).normal(size=(3, 2, 5)) * 1e-3
-
-    @traced
-    def each(section, v):
-        return section.fibre_strain(*v), section.fibre_stress(*v), section.forces(*v)
-
-    strain, stress, force = each(section, strains)
-    assert strain.shape == stress.shape == (2, 5, section.n_fibre)
-    assert [f.shape for f in force] == [(2, 5)] * 3
-    expected = e0[1, 2] + ky[1, 2] * np.asarray(section.z) - kz[1, 2] * np.asarray(section.y)
-    assert np.abs(strain[1, 2] - expected).max() <= 1e-18  # rounding of strains of 1e-3
-    single = jax.eval_shape(each, section, np.zeros(3))
-    assert single[0].shape == single[1].shape == (section.n_fibre,)
-    assert [v.shape for v in single[2]] == [()] * 3
-    virgin = Section.rectangle(1.0, 1.0, materials.steel(), (2, 3)).initial_memory((4,))
-    assert [p.shape for p in virgin] == [(4, 6, 1)]
-
-
 def test_distance_of_the_nearest_fibre_from_a_corner():
     section = SECTIONS["concrete-filled tube"]
     strains = np.random.default_rng(4).normal(size=(30, 3)) * [1e-3, 5e-3, 5e-3]

@@ -1,4 +1,4 @@
-"""Shapes of sections: areas, second moments, torsion, composites, what is refused."""
+"""Shapes of sections: areas, second moments, torsion, the axis, composites."""
 
 import jax
 import jax.numpy as jnp
@@ -395,82 +395,3 @@ def test_composite_joins_the_fibres_of_one_law():
     assert joined.y.tolist() == [0, 4, 2, 2]
     assert np.allclose(np.asarray(joined.points)[joined.cells].mean(1)[:, 0], joined.y)
     assert joined.torsion is None  # of loose rectangles, of a welded one? nobody knows
-
-
-# --- what is refused
-
-
-SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1.0]]
-TWISTED = [[0, 0], [1, 1], [1, 0], [0, 1]]
-DISC, STEEL = Section.disc(0.1, ONE), materials.steel()
-NEEDS = "must be positive"
-BAD = [  # a function, its arguments, what it says
-    (Section.disc, (-0.1, ONE), f"diameter = -0.1: {NEEDS}"),
-    (Section.disc, (0.1, ONE, (0, 5)), r"shape = \(0, 5\): expected 2 integers"),
-    (Section.disc, ([0.1, 0.2], ONE), r"dimension: expected a scalar, got shape \(2,\)"),
-    (Section.disc, (0.1, ONE, (2, 2), "hex"), "cells = 'hex': expected one of"),
-    (Section.disc, (0.1, 210e9), r"laws\[0\]: float is not a uniaxial law"),
-    (Section.ring, (0.3, 0.01, ONE, 16), "shape = 16: expected 2"),
-    (Section.ring, (0.3, 0.0, ONE), f"thickness = 0.0: {NEEDS}"),
-    (Section.ring, (0.3, 0.15, ONE), "thickness = .*: twice is too thick"),
-    (Section.ring, (0.3, 0.01, ONE, (1, 2)), r"shape = \(1, 2\): .* at least \(1, 3\)"),
-    (Section.rectangle, (0.0, 1.0, ONE), f"width = 0.0: {NEEDS}"),
-    (Section.rectangle, (1.0, -1.0, ONE), f"height = -1.0: {NEEDS}"),
-    (Section.rectangle, (1.0, 1.0, ONE, (2.0, 2)), r"shape = \(2.0, 2\): expected 2 integers"),
-    (Section.i_shape, (0.4, 0.2, 0.0, 0.01, ONE), f"web = 0.0: {NEEDS}"),
-    (Section.i_shape, (0.4, 0.2, 0.01, 0.2, ONE), "flange = 0.2: twice is too thick"),
-    (Section.i_shape, (0.4, 0.2, 0.01, 0.01, ONE, (4, 4)), r"shape = \(4, 4\): .*3 integers"),
-    (Section.box, (0.2, 0.4, 0.1, ONE), "thickness = 0.1: twice is too thick"),
-    (Section.box, (0.4, 0.2, 0.01, ONE, 0.1), "flange = 0.1: twice is too thick"),
-    (Section.box, (0.4, 0.02, 0.01, ONE), "thickness = 0.01: twice is too thick"),
-    (Section.box, (0.4, 0.0, 0.01, ONE), f"height = 0.0: {NEEDS}"),
-    (Section.box, (0.4, 0.2, 0.01, ONE, None, (4, 4)), r"shape = \(4, 4\): expected 3 integers"),
-    (Section.polygon, ([[0, 0], [1, 1]], None, ONE, 0.1), r"points: .* n >= 3, got \(2, 2\)"),
-    (Section.polygon, (SQUARE, [[[0, 0, 0]]], ONE, 0.1), r"holes\[0\]: expected shape \[n, 2\]"),
-    (Section.polygon, (SQUARE, None, ONE, 0.0), f"size = 0.0: {NEEDS}"),
-    (Section.polygon, (SQUARE, None, ONE, np.inf), "size = inf: must be finite"),
-    (Section.polygon, (TWISTED, None, ONE, 0.1), "the outline crosses itself"),
-    (Section.polygon, (SQUARE, [np.array(SQUARE) + 0.5], ONE, 0.1), "a hole crosses it or another"),
-    (Section.mesh, (SQUARE, [[0, 1]], ONE), r"cells: expected .* \[n_cell, 4\], got \(1, 2\)"),
-    (Section.mesh, (SQUARE, [[0, 1, 2], [0, 2, 4]], ONE), r"cells\[1\] = .*4.*: there are 4"),
-    (Section.mesh, (SQUARE, [[0, 1, 2.5]], ONE), "cells: expected integers, got float64"),
-    (Section.mesh, (np.zeros((4, 3)), [[0, 1, 2]], ONE), r"points: .*\[n_point, 2\], got \(4, 3\)"),
-    (
-        Section.mesh,
-        (SQUARE, [[0, 1, 2]], [ONE, ONE]),
-        "laws: expected one, or 1, one per cell, got 2",
-    ),
-    (Section.mesh, ([[0, 0], [1, 0], [2, 0.0]], [[0, 1, 2]], ONE), r"area\[0\] = .*: .*positive"),
-    (Section.composite, ([DISC, Section.disc(0.1, SOFT)], 1), r"torsion: expected shape \(2,\)"),
-    (Section.composite, ([DISC], [1.0, 2.0]), r"torsion: expected a scalar, .* got shape \(2,\)"),
-    (Section.composite, ([DISC], -1.0), f"torsion = -1.0: {NEEDS}"),
-    (Section.composite, ([],), "sections: is empty; a composite needs"),
-    (bredt_torsion, ([[0, 0], [1, 1]], 0.1), r"points: .* n >= 3, got \(2, 2\)"),
-    (bredt_torsion, (SQUARE, [0.1, 0.1, 0.0, 0.1]), rf"thickness\[2\] = 0.0: {NEEDS}"),
-    (bredt_torsion, (SQUARE, [0.1, 0.1]), r"thickness: .*shape \(4,\), .* got shape \(2,\)"),
-    (bredt_torsion, (TWISTED, 0.1), r"the edge from points\[0\] to points\[1\] crosses"),
-    (bredt_torsion, ([[0, 0], [1, 1], [2, 2]], 0.1), "points: all on one straight line"),
-    (Section, ([[0.0]], [0.0], [1.0], ONE), r"y: expected shape \[n_fibre\]"),
-    (Section, ([0.0], [0.0, 1.0], [1.0], ONE), r"z: expected shape \[n_fibre\] as y"),
-    (Section, ([0.0, 1.0], [0.0, 1.0], [1.0, 0.0], ONE), r"area\[1\] = 0.0: a fibre's area must"),
-    (
-        Section,
-        ([0.0], [0.0], [1.0], (ONE, ONE), (1,)),
-        r"counts = \(1,\): .*, 2 numbers with the sum 1",
-    ),
-    (lambda own: jc.replace(DISC, own=own), ([[1.0, 1.0]],), r"own: expected shape \[n_fibre, 3\]"),
-    (Section.disc(0.1, STEEL).interaction, (16, 1), "n_axial = 1: expected at least 2"),
-    (DISC.interaction, (), "interaction: .* no law of it has a rupture strain"),
-]
-
-
-@pytest.mark.parametrize(("make", "arguments", "message"), BAD)
-def test_bad_sections_are_refused(make, arguments, message):
-    # a warning on the way (such as of a division by zero) is an error in this suite
-    with pytest.raises(ValueError, match=message):
-        make(*arguments)
-
-
-def test_outline_of_a_polygon_cannot_be_traced():
-    with pytest.raises(ValueError, match="points: cannot be traced; use "):
-        traced(lambda p: Section.polygon(p, None, ONE, 0.1).total_area)(np.array(SQUARE))

@@ -164,29 +164,3 @@ def test_imperfect_moves_the_nodes():
         way = np.tensordot(expected, shapes, 1)
         assert np.abs(np.asarray(moved.nodes) - STRUT.nodes - way).max() < 10 * EPS
         assert moved.supports is STRUT.supports
-
-
-def traced_modes(nodes):
-    return stiffness.modes(jc.replace(STRUT, nodes=nodes), None)
-
-
-@pytest.mark.parametrize(
-    ("ask", "message"),
-    [
-        (lambda: stiffness.imperfect(STRUT, np.zeros((2, 6, 3)), 0.0), r"shapes: expected \[k, 7"),
-        (lambda: stiffness.imperfect(STRUT, SIDEWAYS, [0.1] * 3), "amplitudes: expected a scalar"),
-        (lambda: stiffness.modes(STRUT, None, n=0), "n = 0: expected a whole number"),
-        (lambda: stiffness.modes(STRUT, None), "state: expected a Solution or its .last"),
-        (lambda: stiffness.tangent_of(STRUT, STRUT), "state: expected a Solution .* got Structure"),
-        (lambda: traced(traced_modes)(STRUT.nodes), "state: is traced"),
-        (
-            lambda: stiffness.tangent_of(
-                STRUT, pushed(jnp.zeros(2), 0.6 * CRITICAL), fixed=np.zeros((2, 3), bool)
-            ),
-            r"fixed: expected booleans of shape \(7, 3\), got \(2, 3\)",
-        ),
-    ],
-)
-def test_refused(ask, message):
-    with pytest.raises(ValueError, match=message):
-        ask()

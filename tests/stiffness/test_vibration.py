@@ -9,13 +9,10 @@ import pytest
 from banks.shapes import beam, pieces
 from oracles.convergence import converged
 from oracles.traced import traced
-from scenes.frames import in_plane, solid
+from scenes.frames import in_plane
 
 import jaxcable as jc
-from jaxcable.mechanics.bundles import Bundles
-from jaxcable.mechanics.restart_state import make_system
-from jaxcable.spaces.dof_map import make_dof_map
-from jaxcable.stiffness import flexibility, tangent
+from jaxcable.stiffness import flexibility
 from jaxcable.stiffness import natural_frequencies as frequencies
 
 # weights are masses
@@ -195,51 +192,6 @@ def test_beams_of_curves_swing_in_one_element():
 
 
 @pytest.mark.slow
-def test_order_of_the_masses_of_beams():
-    """Slowest modes of Bernoulli's beam, whatever holds its ends, and along it: order 4.
-
-    Halves at the ends are of order 2 where an end is free: the control.
-    """
-    length, ei, ea, weight = 4.0, 2100.0, 2.1e9, 77.0
-    mass = weight / 9.80665
-
-    def slowest(n, distribution, number, *held):
-        """Of a beam whose ends are clamped in the analysis, and held by (nodes, freedoms) now."""
-        section = solid(ea / 210e9, ei / 210e9, 210e9)
-        held, numbers = in_plane(n + 1, clamped=[0, n]), {"torsional_stiffness": 1e5}
-        structure = beam(n, section, length, held, weight=weight, **numbers)
-        solution = converged(jc.solve(structure, jc.Phase()))
-        fixed = np.zeros((n + 1, 6), bool)
-        fixed[:, [1, 3, 5]] = True
-        for nodes, dof_map in held:
-            fixed[np.ix_(nodes, dof_map)] = True
-        given = {"fixed": fixed, "distribution": distribution}
-        found = frequencies(structure, solution, number + 1, **given)
-        return np.sqrt(float(found.squared[number]))
-
-    def errors(n):
-        ends, clamped = [0, n], ([0], [0, 2, 4])
-        # roots of cos x cosh x = -1 and 1, and sin x
-        bent = np.sqrt(ei / mass) / length**2
-        along = np.pi / 2 / length * np.sqrt(ea / mass)
-        found = [
-            slowest(n, None, 0, clamped) / (bent * 1.8751040687119611**2),
-            slowest(n, None, 3) / (bent * 4.730040744862704**2),  # after three rigid motions
-            slowest(n, None, 0, (ends, [0, 2])) / (bent * np.pi**2),
-            slowest(n, None, 0, (ends, [0, 2, 4])) / (bent * 4.730040744862704**2),
-            slowest(n, None, 0, (np.arange(n + 1), [2, 4]), ([0], [0])) / along,
-            slowest(n, "lumped", 0, clamped) / (bent * 1.8751040687119611**2),
-        ]
-        return np.array(found) - 1
-
-    few, more = errors(4), errors(8)
-    *orders, lumped = np.log2(few / more)
-    # four elements are few for the beam that is free at both ends: 3.75
-    assert 3.7 < min(orders) and max(orders) < 4.2 and (np.abs(more[:-1]) < 2e-4).all()
-    assert abs(lumped - 2) < 0.2 and few[-1] < -5e-3
-
-
-@pytest.mark.slow
 def test_modes_within_catenaries_are_not_passed_over_in_silence():
     """A mast on a ball joint between catenaries in its plane, its top held across."""
     nodes = [[0.0, 0, 0], [0.0, 0, 10], [-20.0, 0, 0], [20.0, 0, 0]]
@@ -302,53 +254,6 @@ def test_flexibility_against_a_small_load():
 
     column = (moved(1e-2) - moved(-1e-2)) / 2e-2
     assert np.allclose(column, np.asarray(matrix)[[0, 1, 4, 5], 0], rtol=1e-7, atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s, e: frequencies(s, e, n=0), "n = 0: expected a whole number"),
-        (lambda s, e: frequencies(s, e), "masses: no element group has a weight"),
-        (lambda s, e: frequencies(s, e, masses=-1.0), "masses.*must not be negative"),
-        (lambda s, e: frequencies(s, e, masses=1.0, distribution="even"), "distribution = 'even'"),
-        (lambda s, e: flexibility(s, e, [99]), r"nodes\[0\] = 99: the structure has nodes"),
-        (lambda s, e: flexibility(s, e, [1], axes="w"), "axes = 'w'"),
-    ],
-)
-def test_wrong_arguments(call, message):
-    structure, solution = net()
-    with pytest.raises(ValueError, match=message):
-        call(structure, solution)
-
-
-@pytest.mark.slow
-def test_a_sparse_mass_matrix_is_the_dense_one():
-    """On the pattern of the stiffness, with a group without weight and pressure that follows."""
-    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.3, 2.0], [2.0, 0.0, 0.0], [-2.0, 1.0, 0.0]]
-    elements = {
-        "mast": jc.Beams(
-            [[0, 1], [1, 2]], solid(0.05, 0.05, 210e9), weight=50.0, torsional_stiffness=1e9
-        ),
-        "guys": jc.Cables([[3, 2], [4, 2]], axial_stiffness=1e6),
-    }
-    structure = jc.Structure(nodes, elements, jc.clamped([0]) + jc.pinned([3, 4]))
-    pressure = jc.CablePressure(10.0, (0.0, 0.0, 1.0), on="guys")
-    solution = converged(jc.solve(structure, jc.Phase(pretension={"guys": 500.0}, loads=pressure)))
-    without_indices, arrays, _ = tangent.split_solution_state(structure, solution)
-    nodes, groups, restart = tangent.merge_solution_state(without_indices, arrays)
-    rows, own = structure.motion_rows()
-    links = [(group.links, group.n_freedom, group.inner_unknowns) for group in own]
-    bundles = Bundles.of(own)
-    links += [(at, 3, ()) for stack in restart.loads for at in stack.coupled_nodes(own, bundles)]
-    found = []
-    for settings in ((), (tuple(links), "superlu", False, None, structure.space)):
-        dof_map = make_dof_map(solution.last.fixed[-1], rows, *settings)
-        system = make_system(nodes, groups, restart, restart.motion, dof_map)
-        assert system.followers
-        found.append(system.mass_matrix(restart.motion, 9.80665))
-    dense, sparse = found
-    np.testing.assert_allclose(sparse.dense(), dense, rtol=1e-12, atol=1e-15)
-    assert np.count_nonzero(dense) > len(dense)
 
 
 def test_masses_whose_weight_was_a_load():
