@@ -79,7 +79,6 @@ def _picture(caption, svg):
 
 def _table(table):
     """Return a `DocumentTable` with its title and its notes."""
-    wide = any(part.landscape for part in table.parts)
     parts = "\n".join(
         _part(part, f"{table.title}, part {k} of {len(table.parts)}")
         for k, part in enumerate(table.parts, 1)
@@ -87,12 +86,12 @@ def _table(table):
     notes = "".join(f'<p class="note">{escape(note)}' for note in table.notes)
     title = f'<h2 id="table-{escape(table.name)}">{escape(table.title)}</h2>'
     empty = "" if parts or notes else '<p class="note">none'
-    return f"<section{' class=wide' * wide}>{title}{parts}{empty}{notes}</section>"
+    return f"<section{' class=wide' * table.landscape}>{title}{parts}{empty}{notes}</section>"
 
 
 def _part(part, label):
-    """Return a `Part` of a table; `label` says what it is to those who cannot see it."""
-    kinds = [' class="n"' if is_numeric else "" for is_numeric in part.numeric]
+    """Return a part of a table; `label` says what it is to those who cannot see it."""
+    kinds = [' class="n"' if is_numeric else "" for is_numeric in part.is_numeric]
 
     def cells(texts, tag, more=""):
         pairs = zip(texts, kinds, strict=True)
