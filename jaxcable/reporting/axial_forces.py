@@ -133,8 +133,8 @@ def group_tables(table: Table) -> dict[str, Table]:
         ]
         for label, own in parts.items()
     ]
-    states = {row[k] for row in table.rows for k in (_LOWEST + 1, _HIGHEST + 1)} - {None}
-    element, state = ("of", "", "element"), ("in", "", states_heading(states))
+    named = {str(row[k]) for row in table.rows for k in (_LOWEST + 1, _HIGHEST + 1) if row[k]}
+    element, state = ("of", "", "element"), ("in", "", states_heading([*named]))
     columns = columns_of_rows(
         rows,
         *("group", "elements"),

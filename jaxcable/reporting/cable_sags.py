@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from ..analysis.results import Results
+from ..analysis.element_shapes import StateOrPhase
 from ..common.types import Float
 from ..elements.abilities import Sagging
 from ..model.result_parts import named_groups_of, values_per_group
@@ -34,10 +35,11 @@ def sag_tables(
     kept = [k for k, group in enumerate(structure.groups) if isinstance(group, Sagging)]
     if not kept and not chains:
         return {}
-    each = [_sag_values(structure, x, kept, chains) for x in (of.state, *_results(of))]
-    (span, sag, largest, deflection, lowest, tension), *over = each
+    results = [of.state, *(state.result for state in of.envelope.values())]
+    each = [_sag_values(structure, result, kept, chains) for result in results]
+    span, sag, largest, deflection, lowest, tension = each[0]
     ends = [(int(nodes[0]), int(nodes[-1])) for nodes in chains.values()]
-    more = [*chains], [None] * len(chains), [a for a, _ in ends], [b for _, b in ends]
+    more = list(chains), [None] * len(chains), [a for a, _ in ends], [b for _, b in ends]
     columns = [
         column._replace(values=[*np.asarray(column.values).tolist(), *values])
         for column, values in zip(element_columns(structure, kept), more, strict=True)
@@ -51,19 +53,14 @@ def sag_tables(
         Column("horizontal tension", "N", tension),
     ]
     for name, k, sign in (("max. sag", 1, 1), ("min. z", 4, -1)) if of.several else ():
-        values = np.array([rows[k] for rows in over]).reshape(len(over), -1)
+        values = np.array([rows[k] for rows in each[1:]]).reshape(len(each) - 1, -1)
         columns += envelope_columns(name, "m", values, list(of.envelope), sign)
     return {"sags": make_table("Sags and lowest points of cables", columns, _NOTES)}
 
 
-def _results(of):
-    """Return the results of the states of the envelope, a list."""
-    return [state.result for state in of.envelope.values()]
-
-
 def _sag_values(
     structure: Structure,
-    state: Results,
+    state: StateOrPhase,
     kept: Sequence[int],
     chains: Mapping[str, Sequence[int]],
 ) -> Float[np.ndarray, "6 n_row"]:
@@ -72,7 +69,7 @@ def _sag_values(
     They are span, sag at midspan, largest sag, deflection, height of the lowest point, and
     horizontal tension, which chains do not have.
     """
-    found = []
+    found: list[tuple[Any, Any]] = []
     if kept:
         every = structure.group_tree.flatten_up_to(sags(structure, state))
         tensions = values_per_group(structure, horizontal_tensions(structure, state))

@@ -45,9 +45,9 @@ def phase_index(since: int | str, labels: Sequence[str]) -> int:
     """
     if isinstance(since, str) and since in labels:
         return list(labels).index(since)
-    is_number = isinstance(since, int) and not isinstance(since, bool)
-    if is_number and -len(labels) <= since < len(labels):
-        return since % len(labels)
+    count = len(labels)
+    if isinstance(since, int) and not isinstance(since, bool) and -count <= since < count:
+        return since % count
     names = ", ".join(map(repr, labels))
     raise ValueError(
         f"since = {since!r}: no such phase; give 0 to {len(labels) - 1}, or one of {names}"

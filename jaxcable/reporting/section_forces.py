@@ -92,8 +92,8 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
         ]
         if states:  # the nodes are in other tables
             columns[2:4] = (column._replace(detail=True) for column in columns[2:4])
-        notes = (f"{without}: zero everywhere",) if without else ()
-        tables[name] = make_table(_TITLES[name], columns, notes)
+        left_out = [f"{without}: zero everywhere"] if without else []
+        tables[name] = make_table(_TITLES[name], columns, left_out)
     if tables:
         first, notes = next(iter(tables)), list(_NOTES)
         if states:
@@ -104,8 +104,7 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
             notes.append(f"{', '.join(zero)}: zero everywhere")
         if any(np.isnan(group.ends).any() for group in parts[0].values()):
             notes.append("no values: the element is not active in the final state")
-        notes = (*notes, *tables[first].notes)
-        tables[first] = dataclasses.replace(tables[first], notes=notes)
+        tables[first] = dataclasses.replace(tables[first], notes=(*notes, *tables[first].notes))
     return tables
 
 

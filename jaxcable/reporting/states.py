@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ..analysis.results import Results
+from ..analysis.element_shapes import StateOrPhase
 from ..analysis.solution import Solution, State
 from ..common import status
 from ..common.types import Float
@@ -25,7 +25,7 @@ class EnvelopeState(NamedTuple):
         fixed: degrees of freedom that supports fix in this state.
     """
 
-    result: Results
+    result: StateOrPhase
     fixed: FixedDofs
 
 
@@ -81,7 +81,7 @@ class ReportedAnalysis(NamedTuple):
         return "ends of phases" if self.cases is None else "cases"
 
     def values(
-        self, function: Callable[[Results], Float[np.ndarray, " n"]]
+        self, function: Callable[[StateOrPhase], Float[np.ndarray, " n"]]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n_state n"]]:
         """Return a quantity in the final state, [n], and in those of the envelope, [n_state, n]."""
         final = function(self.state)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def columns_of_rows(
     cells = zip(*rows, strict=True) if rows else [()] * len(heads)
     named = [(head, "") if isinstance(head, str) else head for head in heads]
     return [
-        Column(name, unit, values, *heading)
+        Column(name, unit, values, *heading)  # type: ignore[arg-type]  # none or one
         for (name, unit, *heading), values in zip(named, cells, strict=True)
     ]
 
@@ -258,18 +258,17 @@ def show_table(
         which = "largest" if table.governing is not None else "first"
         notes.append(f"the {which} {most} of {len(table.rows)} rows; files have all rows")
     sizes, names = _sizes_by_unit(table), table.headings or [name.strip() for name in table.columns]
-    columns = []
+    columns: list[tuple[Any, ...]] = []
     for k, own in enumerate(table.units):
-        unit, factor = units_of_table.small_length if k in table.millimeters else ("", 1)
-        unit, factor = (unit, float(factor)) if unit else scales.get(own, (own, 1.0))
+        unit, factor = scales.get(own, (own, 1.0))
+        if k in table.millimeters:
+            unit, factor = units_of_table.small_length[0], float(units_of_table.small_length[1])
         largest = factor * sizes.get(own, 0.0)
         texts = [_cell_text(row[k], factor, unit, largest) for row in rows]
         if k not in table.details and any(texts):
-            is_numeric = all(isinstance(row[k], int | float | None) for row in table.rows)
-            columns.append((names[k], unit, is_numeric, texts))
-    headings, units, is_numeric, texts = map(
-        list, zip(*columns, strict=True) if columns else [()] * 4
-    )
+            is_number = all(isinstance(row[k], int | float | None) for row in table.rows)
+            columns.append((names[k], unit, is_number, texts))
+    headings, units, is_numeric, texts = ([c[k] for c in columns] for k in range(4))
     cells = [list(row) for row in zip(*texts, strict=True)]
     return ShownTable(table.title, headings, units, is_numeric, cells, notes)
 

@@ -7,6 +7,7 @@ import json
 import jax
 import numpy as np
 import pytest
+from golden_files import assert_golden
 from oracles.convergence import converged
 
 import jaxcable as jc
@@ -361,15 +362,8 @@ def test_a_mast_by_its_forces_at_many_places(mast):
 def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
     structure, _, _, told = mast
     text = told.text()
+    assert_golden("mast.txt", text)
     assert max(map(len, text.splitlines()[4:])) <= 120  # after the summary
-    assert "My, bending moment about y: positive where the side of +z is in tension (kN m)" in text
-    assert "Vy, T, Mz: zero everywhere" in text and "(MPa)" in text
-    assert "guys: no area given, so no stress" in text
-    assert "nan" not in text and "None" not in text
-    guys = [row for row in rows(told.tables["reactions"]) if row["node"] > 2]
-    assert len(guys) == 3 and {row["Mx"] for row in guys} == {None}  # anchors do not turn
-    foot = rows(told.tables["reactions"])[0]
-    assert None not in foot.values()
     for name, content in told.csv().items():
         head = next(csv.reader(io.StringIO(content)))  # names of columns are apart
         assert name == "summary" or len(head) == len({*head}) == len(told.tables[name].columns)
