@@ -15,11 +15,11 @@ from ..common import checks
 from ..common.units import SI, Units
 from ..common.writing import atomic_write_together
 from ..files.results import format_csv
-from .document import Heading, make_document
+from .document import Heading, import_library, make_document
 from .plain_text import table_text
-from .spreadsheet import import_xlsxwriter, workbook_bytes
+from .spreadsheet import workbook_bytes
 from .table import Table, common_scales, csv_header
-from .typesetting import import_typst, pdf_bytes
+from .typesetting import pdf_bytes
 from .web_page import page_text
 
 _MOST = 1000  # rows of a table that PDF and HTML show: 15 pages of a report
@@ -31,11 +31,10 @@ SUFFIXES = (".txt", ".json", ".csv", ".xlsx", ".pdf", ".html", ".htm")
 
 def require_writer(path: str | PathLike[str]) -> None:
     """Raise ValueError if a report cannot be written: another suffix, or a missing library."""
-    kind = _kind_of_file(Path(path))
-    if kind == ".xlsx":
-        import_xlsxwriter()
-    elif kind == ".pdf":
-        import_typst()
+    libraries = {".xlsx": ("xlsxwriter", "XLSX"), ".pdf": ("typst", "PDF")}
+    needed = libraries.get(_kind_of_file(Path(path)))
+    if needed is not None:
+        import_library(*needed)
 
 
 def _kind_of_file(path):

@@ -7,9 +7,8 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from types import ModuleType
 
-from .document import Heading, program_versions
+from .document import Heading, import_library, program_versions
 from .table import Table
 
 _LONGEST_NAME = 31  # characters of the name of a sheet
@@ -30,15 +29,6 @@ class _Exact(float):
         return float.__repr__(self)
 
 
-def import_xlsxwriter() -> ModuleType:
-    """Import and return the module `xlsxwriter`; raise ValueError if it is not installed."""
-    try:
-        import xlsxwriter
-    except ImportError:
-        raise ValueError("XLSX: needs xlsxwriter; pip install 'jaxcable[reports]'") from None
-    return xlsxwriter
-
-
 def workbook_bytes(
     summary: Sequence[str],
     tables: Mapping[str, Table],
@@ -53,7 +43,7 @@ def workbook_bytes(
         facts: what stands below the title, pairs of a word and a text.
     """
     stream = io.BytesIO()
-    book = import_xlsxwriter().Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
+    book = import_library("xlsxwriter", "XLSX").Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
     when = heading.date if isinstance(heading.date, datetime.date) else _EPOCH
     if not isinstance(when, datetime.datetime):
         when = datetime.datetime.combine(when, datetime.time())

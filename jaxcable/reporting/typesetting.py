@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import json
 import re
 from importlib import resources
-from types import ModuleType
 from typing import Any
 
-from .document import Document
+from .document import Document, import_library
 
 _LONG_WORD = re.compile(r"\S{21,}")
 _BREAK_AFTER = re.compile(r"[^\W_]{12}|[\W_]")
-
-
-def import_typst() -> ModuleType:
-    """Import and return the module `typst`; raise ValueError if it is not installed."""
-    try:
-        import typst
-    except ImportError:
-        raise ValueError("PDF: needs typst; pip install 'jaxcable[reports]'") from None
-    return typst
-
-
-@functools.cache
-def _template():
-    """Return the template of the document, a text in the language of Typst."""
-    return resources.files(__package__).joinpath("report.typ.txt").read_bytes()
 
 
 def pdf_bytes(document: Document) -> bytes:
@@ -37,7 +20,9 @@ def pdf_bytes(document: Document) -> bytes:
     Texts are data of the template, so that no character of theirs means anything to Typst.
     """
     data = json.dumps(_document_data(document), ensure_ascii=False)
-    return import_typst().compile(_template(), format="pdf", sys_inputs={"data": data})
+    template = resources.files(__package__).joinpath("report.typ.txt").read_bytes()
+    typst = import_library("typst", "PDF")
+    return typst.compile(template, format="pdf", sys_inputs={"data": data})
 
 
 def _breakable(text):

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 
 import jax
 import numpy as np
@@ -362,7 +363,8 @@ def test_a_mast_by_its_forces_at_many_places(mast):
 def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
     structure, _, _, told = mast
     text = told.text()
-    assert_golden("mast.txt", text)
+    # two guys have the same force: which of them has the smaller one is rounding
+    assert_golden("mast.txt", re.sub(r"(guys +3 +\S+) +[12] ", r"\1   1, 2 ", text))
     assert max(map(len, text.splitlines()[4:])) <= 120  # after the summary
     for name, content in told.csv().items():
         head = next(csv.reader(io.StringIO(content)))  # names of columns are apart

@@ -272,8 +272,8 @@ def test_text_csv_and_dict_say_the_same(told, tmp_path):
 
 def test_the_text_shows_what_governs_in_fitting_units(told):
     """Cases, one of which fails: words, units, and of long tables the rows that govern."""
-    text = told.text(rows=5)
-    assert_golden("net_with_cases.txt", text)
+    assert_golden("net_with_cases.txt", told.text(rows=100))
+    text = told.text(rows=5)  # not kept: which one of equal forces is larger is rounding
     part = text.split("Axial forces (largest along each element)")[1].split("Displacements")[0]
     shown = [line for line in part.splitlines() if line.startswith("    net")]
     used = [float(line.split()[-1]) for line in shown]
@@ -284,7 +284,7 @@ def test_the_text_shows_what_governs_in_fitting_units(told):
 
 def test_a_cable_net_has_no_tables_of_sections(flat):
     """Two phases, in pounds and feet."""
-    assert_golden("flat_net.txt", jc.report(*flat, units="kip, ft").text(rows=3))
+    assert_golden("flat_net.txt", jc.report(*flat, units="kip, ft").text())
 
 
 def test_wrong_arguments_are_named(net):
