@@ -38,8 +38,8 @@ def sag_tables(
     results = [of.state, *(state.result for state in of.envelope.values())]
     each = [_sag_values(structure, result, kept, chains) for result in results]
     span, sag, largest, deflection, lowest, tension = each[0]
-    ends = [(int(nodes[0]), int(nodes[-1])) for nodes in chains.values()]
-    more = list(chains), [None] * len(chains), [a for a, _ in ends], [b for _, b in ends]
+    rows = [(name, None, int(nodes[0]), int(nodes[-1])) for name, nodes in chains.items()]
+    more: list[Any] = [[row[k] for row in rows] for k in range(4)]
     columns = [
         column._replace(values=[*np.asarray(column.values).tolist(), *values])
         for column, values in zip(element_columns(structure, kept), more, strict=True)

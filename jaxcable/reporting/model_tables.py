@@ -122,14 +122,14 @@ def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
     if section is not None:
         matrix = np.asarray(section.stiffness(), float)
         found["EA"] = matrix[..., 0, 0]
-        if isinstance(group, BeamElement):
+        if isinstance(beam := group, BeamElement):
             found["EIy"], found["EIz"] = matrix[..., 1, 1], matrix[..., 2, 2]
-            given = group.torsional_stiffness
+            given = beam.torsional_stiffness
             found["GJ"] = section.torsional_stiffness() if given is None else given
     stated = _number_or_nan(group, "axial_stiffness")
     found["EA"] = np.where(np.isnan(stated), found["EA"], stated)
-    if isinstance(group, Straight) and group.law is not None:
-        found["EA"] = np.asarray(group.law.modulus, float) * np.asarray(group.area, float)
+    if isinstance(bar := group, Straight) and bar.law is not None:
+        found["EA"] = np.asarray(bar.law.modulus, float) * np.asarray(bar.area, float)
     count = len(group.links)
     return np.stack([np.broadcast_to(np.asarray(x, float), count) for x in found.values()], axis=1)
 
@@ -143,8 +143,8 @@ def _number_or_nan(thing, name):
 def _further_properties(group, units):
     """Return what else elements have, in words: fibres, laws, stiffness of springs; or None."""
     parts, section = [], group.section
-    if isinstance(group, Straight) and group.law is not None:
-        parts.append(f"law {type(group.law).__name__}")
+    if isinstance(bar := group, Straight) and bar.law is not None:
+        parts.append(f"law {type(bar.law).__name__}")
     if section is not None and section.n_fibre:
         laws = dict.fromkeys(type(one).__name__ for one in section.laws)
         parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
@@ -152,8 +152,8 @@ def _further_properties(group, units):
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
     if group.hinges is not None:
         parts.append("hinges")
-    if isinstance(group, Springs | Bearings):
-        parts.append(f"stiffness {range_with_unit(group.stiffness, 'N/m', units)}")
+    if isinstance(spring := group, Springs | Bearings):
+        parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
 
 

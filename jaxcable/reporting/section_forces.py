@@ -102,7 +102,7 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
             )
         if zero:
             notes.append(f"{', '.join(zero)}: zero everywhere")
-        if any(np.isnan(group.ends).any() for group in parts[0].values()):
+        if any(np.isnan(forces.ends).any() for forces in parts[0].values()):
             notes.append("no values: the element is not active in the final state")
         tables[first] = dataclasses.replace(tables[first], notes=(*notes, *tables[first].notes))
     return tables
@@ -171,7 +171,7 @@ def _rounding_limits(structure, parts):
 
     `parts` has the `_GroupForces` of each state by group.
     """
-    sizes = np.max([group.largest for part in parts for group in part.values()], axis=0)
+    sizes = np.max([forces.largest for part in parts for forces in part.values()], axis=0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
     force = sizes[:3].max()
     return NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)

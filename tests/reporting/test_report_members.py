@@ -345,21 +345,6 @@ def mast():
     return structure, phases, solution, told
 
 
-@pytest.mark.slow
-def test_a_mast_by_its_forces_at_many_places(mast):
-    structure, _, solution, told = mast
-    exact = np.asarray(jc.section_forces(structure, solution, 2001)["mast"])
-    for name, column in (("N", 0), ("Vz", 2), ("My", 4)):
-        found, values = rows(told.tables[name]), exact[..., column]
-        # elements of 15 m that turn by some 1e-2, to the second order of that
-        near = 1e-4 * np.abs(values).max()
-        for end, of in (("lowest", values.min(axis=1)), ("highest", values.max(axis=1))):
-            np.testing.assert_allclose([row[end] for row in found], of, rtol=0, atol=near)
-        np.testing.assert_allclose([row["at first"] for row in found], values[:, 0], atol=1e-6)
-        np.testing.assert_allclose([row["at last"] for row in found], values[:, -1], atol=1e-6)
-    assert not {"Vy", "T", "Mz"} & set(told.tables)
-
-
 def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
     structure, _, _, told = mast
     text = told.text()

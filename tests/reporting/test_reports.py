@@ -118,15 +118,6 @@ def test_forces_utilisation_and_envelope(net, told):
     assert "nan" not in told.text().replace("broken", "")
 
 
-def test_phases_have_names_of_their_own(flat):
-    structure, solution = flat
-    members = jc.report(structure, solution, names=["prestress", "people"]).tables["members"]
-    assert {row[6] for row in members.rows} | {row[8] for row in members.rows} == {
-        "prestress",
-        "people",
-    }
-
-
 def test_slack_cables_and_loose_nodes(net, told):
     _, _, _, batch = net
     slack = np.flatnonzero(np.asarray(batch.tension["net"])[1] == 0)
@@ -375,11 +366,3 @@ def test_nothing_that_converged_means_no_tables(tmp_path):
     assert told.summary[-1] == "FAILED: no results: phase 1 did not converge in its first increment"
     assert not [x for x in told.summary if x.startswith("left out")]
     assert [path.name for path in told.save(tmp_path / "r.csv")] == ["r-summary.csv"]
-
-
-def test_a_report_has_one_unit_for_each_kind_of_quantity():
-    """Forces in kN in one table are in kN in all; reading N beside kN costs a factor of 1000."""
-    structure, solution, _ = strung(1e5, -2e4)
-    text = jc.report(structure, solution).text()
-    assert int(solution.status) == 0 and "(kN)" in text
-    assert "(N)" not in text.replace("unbalanced", "") and "(N m)" not in text
