@@ -43,7 +43,8 @@ def table_text(table: Table, most: int | None, scales: Scales, units_of_table: U
 def _title_and_headings(table, shown):
     """Return title and headings with the units; a unit that many columns share is in the title."""
     named = {unit for unit in shown.units if unit not in ("", "-")}
-    shared = len(named) == 1 and sum(unit not in ("", "-") for unit in table.units) >= _SHARED
+    stated = [unit for unit in table.units if unit not in ("", "-")]
+    shared = len(named) == len({*stated}) == 1 and len(stated) >= _SHARED
     left = {"", "-"} | (named if shared else set())
     headings = [
         name if unit in left else f"{name} ({unit})"
