@@ -203,7 +203,7 @@ FAULTS = (
         '("force_density", -1.0)', '("force_density", 1.0)',
         "the force in a link falls when crossings split it"),
     Fault("reporting/axial_forces.py",
-        '"lowest", "N", over, names, -1', '"lowest", "N", over, names, 1',
+        '("lowest", -1, "min. force")', '("lowest", 1, "min. force")',
         "the lowest force of all load cases, and its case, are those of the highest"),
     Fault("reporting/lengths.py",
         "np.where(turned[:, None], span[:, ::-1], span)", "span",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import collections
 from typing import Any
 
 import numpy as np
@@ -15,64 +15,50 @@ from ..elements import Beams
 from ..elements.abilities import Sagging
 from ..model.result_parts import present_elements, values_per_group
 from ..model.structure import Structure
-from .columns import (
-    concatenate_groups,
-    concatenate_groups_of_states,
-    element_columns,
-    envelope_columns,
-    states_heading,
-)
-from .states import EnvelopeState
-from .table import Column, Table, make_table
+from .columns import concatenate_groups, element_columns, envelope_columns, states_heading
+from .states import ReportedAnalysis
+from .table import Column, Table, columns_of_rows, make_table
 
 BUCKLING = (
     "utilization in compression: force / strength; buckling is not checked here, see "
     "stiffness.buckling_factor"
 )
+_FORCE, _LOWEST, _HIGHEST, _USED, _MOST = 4, 5, 7, 9, 10  # columns of the table
 
 
-def axial_force_table(
-    structure: Structure, state: Results, states: Mapping[str, EnvelopeState], several: bool
-) -> Table:
+def axial_force_table(of: ReportedAnalysis) -> Table:
     """Return the table of axial force, utilization and envelope of every element.
 
     Forces are the largest along each element, `peak_tension`.
-
-    Args:
-        structure: `Structure`.
-        state: the final state.
-        states: the states of the envelope, by name.
-        several: whether the text shows the envelope.
     """
-    names, now = list(states), peak_forces(structure, state)
-    each = [peak_forces(structure, other.result) for other in states.values()]
-    kept = [k for k, own in enumerate(now) if own is not None]  # groups with axial forces
-    used: list[Any]
-    envelope: list[Any]
-    results = (state, *(other.result for other in states.values()))
-    try:
-        used, *envelope = (values_per_group(structure, utilization(structure, x)) for x in results)
-    except ValueError:  # no group has a strength
-        used, *envelope = ([None] * len(now) for _ in results)
-    force = concatenate_groups(structure, now, kept)
-    over = concatenate_groups_of_states(structure, each, kept)
-    ratio = np.where(np.isnan(force), np.nan, concatenate_groups(structure, used, kept))
-    ratios = concatenate_groups_of_states(structure, envelope, kept)
-    most, when = envelope_columns("most used", "-", ratios, names, 1, heading="max. utilization")
-    known = bool(np.isfinite([ratio, np.asarray(most.values)]).any())
+    structure, names = of.structure, list(of.envelope)
+    kept = [k for k, own in enumerate(peak_forces(structure, of.state)) if own is not None]
+    force, over = of.values(
+        lambda result: concatenate_groups(structure, peak_forces(structure, result), kept)
+    )
+    ratio, ratios = of.values(lambda result: _utilizations(structure, result, kept))
+    ratio = np.where(np.isnan(force), np.nan, ratio)
+    rated = np.isfinite([ratio, *ratios]).any(axis=0)
+    known = bool(rated.any())
+    hidden = () if of.several else ("lowest", "highest", "most used", "in")
     extremes = [
-        *envelope_columns("lowest", "N", over, names, -1, heading="min. force"),
-        *envelope_columns("highest", "N", over, names, 1, heading="max. force"),
+        envelope_columns(name, "N", over, names, sign, hidden=hidden, heading=heading)
+        for name, sign, heading in (("lowest", -1, "min. force"), ("highest", 1, "max. force"))
     ]
+    most = envelope_columns(
+        *("most used", "-", ratios, names, 1),
+        hidden=("in", *hidden),
+        heading="max. utilization",
+        governs=known,
+    )
     columns = [
         *element_columns(structure, kept),
-        Column("force", "N", force, governs=not known, heading="final force"),
-        *(column._replace(detail=not several) for column in extremes),
-        Column("used", "-", ratio, heading="utilization"),
-        most._replace(governs=known, detail=not several),
-        when._replace(detail=True),
+        Column("force", "N", force, "final force", governs=not known),
+        *(column for pair in extremes for column in pair),
+        Column("used", "-", ratio, "utilization"),
+        *most,
     ]
-    notes = _strength_notes(structure, used, kept, known, np.vstack([force, over]))
+    notes = _strength_notes(structure, kept, rated, np.vstack([force, over]))
     if np.isnan(force).any():
         notes.append("no final force: the element is not active in the final state")
     if any(isinstance(group, Sagging) for group in structure.groups):
@@ -82,11 +68,20 @@ def axial_force_table(
             "beams: along the chord (mean force plus half of the axial line load); table N has the "
             "axial force along each beam"
         )
-    title = f"Axial forces (largest along each element), tension positive{'; envelope' * several}"
-    return make_table(title, columns, notes)
+    title = "Axial forces (largest along each element), tension positive"
+    return make_table(title + "; envelope" * of.several, columns, notes)
 
 
-def _strength_notes(structure, used, kept, known, forces):
+def _utilizations(structure, result, kept):
+    """Return the utilization of elements of the groups `kept`, [n]; NaN without a strength."""
+    try:
+        used = values_per_group(structure, utilization(structure, result))
+    except ValueError:  # no group has a strength
+        used = [None] * len(structure.groups)
+    return concatenate_groups(structure, used, kept)
+
+
+def _strength_notes(structure, kept, rated, forces):
     """Return the notes on utilization, a list: how it is defined, and what it leaves out.
 
     It leaves out buckling, if elements with a strength are compressed, and bending, if the
@@ -94,18 +89,17 @@ def _strength_notes(structure, used, kept, known, forces):
 
     Args:
         structure: `Structure`.
-        used: utilization of every group, [n_elem]; None for a group without strength.
         kept: indices of the groups in the table.
-        known: whether any element has a strength.
+        rated: whether each element has a utilization in any state, [n].
         forces: axial forces of the elements in the table, [n_state, n], N.
     """
-    if not known:
+    if not rated.any():
         return ["no group has a strength: no utilization"]
     notes = ["utilization: force / breaking force (characteristic strength, no partial factors)"]
     pressed = (forces < -NEGLIGIBLE * np.nanmax(np.abs(forces), initial=0.0)).any(axis=0)
-    pairs = zip(structure.groups, used, strict=True)
-    judged = [None if x is None else np.full(len(x), not g.tension_only) for g, x in pairs]
-    if (pressed & (concatenate_groups(structure, judged, kept) > 0)).any():
+    groups = [structure.groups[k] for k in kept]
+    bears_pressure = np.repeat([not g.tension_only for g in groups], [len(g.links) for g in groups])
+    if (pressed & rated & bears_pressure).any():
         notes.append(BUCKLING)
     if structure.space.rotates:
         notes.append("utilization of beams: axial force only; for bending see the stresses")
@@ -115,39 +109,40 @@ def _strength_notes(structure, used, kept, known, forces):
 def group_tables(table: Table) -> dict[str, Table]:
     """Return the extreme forces and the largest utilization of every group, {"groups": `Table`}.
 
-    Args:
-        table: the `axial_force_table`. Its envelope counts where it has one, otherwise its final
-            force.
-
-    Returns:
-        A dict with this table; empty for a single group.
+    The dict is empty for a single group. `table` is the `axial_force_table`: its envelope counts
+    where it has one, otherwise its final force.
     """
     parts: dict[Any, list[Any]] = {}
     for row in table.rows:
         parts.setdefault(row[0], []).append(row)
     if len(parts) < 2:
         return {}
-    rows = []
-    for label, own in parts.items():
-        low = [
-            (x, row[1], row[6]) for row in own if (x := _first_not_none(row[5], row[4])) is not None
+
+    def extreme(own, column, otherwise, choose):
+        """Return the extreme value in a column, its element and state; or three times None."""
+        values = [(_first_known(row, column, otherwise), row[1], row[column + 1]) for row in own]
+        known = [item for item in values if item[0] is not None]
+        return choose(known, key=lambda item: item[0]) if known else (None,) * 3
+
+    rows = [
+        [
+            *(label, len(own)),
+            *extreme(own, _LOWEST, _FORCE, min),
+            *extreme(own, _HIGHEST, _FORCE, max),
+            *extreme(own, _MOST, _USED, max)[:2],
         ]
-        high = [
-            (x, row[1], row[8]) for row in own if (x := _first_not_none(row[7], row[4])) is not None
-        ]
-        used = [(x, row[1]) for row in own if (x := _first_not_none(row[10], row[9])) is not None]
-        row = [label, len(own)]
-        row += [*min(low, key=_first_item), *max(high, key=_first_item)] if low else [None] * 6
-        rows.append([*row, *(max(used, key=_first_item) if used else [None] * 2)])
-    names = ("group", "elements", "lowest", "of", "in", "highest", "of", "in", "most used", "of")
-    units = {"lowest": "N", "highest": "N", "most used": "-"}
-    headings = {"of": "element", "in": states_heading(_governing_state_names(table))}
-    headings |= {"lowest": "min. force", "highest": "max. force", "most used": "max. utilization"}
-    columns = [
-        Column(name, units.get(name, ""), values, heading=headings.get(name, ""))
-        for name, values in zip(names, zip(*rows, strict=True), strict=True)
+        for label, own in parts.items()
     ]
-    if all(value is None for value in columns[4].values):
+    named = {str(row[k]) for row in table.rows for k in (_LOWEST + 1, _HIGHEST + 1) if row[k]}
+    element, state = ("of", "", "element"), ("in", "", states_heading([*named]))
+    columns = columns_of_rows(
+        rows,
+        *("group", "elements"),
+        *(("lowest", "N", "min. force"), element, state),
+        *(("highest", "N", "max. force"), element, state),
+        *(("most used", "-", "max. utilization"), element),
+    )
+    if all(row[4] is None for row in rows):
         columns = [column._replace(detail=column.name == "in") for column in columns]
     title = "Groups: smallest and largest axial force, tension positive"
     return {"groups": make_table(title, columns)}
@@ -156,42 +151,26 @@ def group_tables(table: Table) -> dict[str, Table]:
 def exceeded_strength_sentence(table: Table) -> str | None:
     """Return a sentence on elements whose force exceeds their strength; None if there are none.
 
-    Args:
-        table: the `axial_force_table` of all elements.
+    `table` is the `axial_force_table` of all elements.
     """
-    used = table.columns.index("most used")
-    over = [row for row in table.rows if (_first_not_none(row[used], row[used - 1]) or 0.0) > 1.0]
+    pairs = [(_first_known(row, _MOST, _USED) or 0.0, row) for row in table.rows]
+    over = [(used, row) for used, row in pairs if used > 1.0]
     if not over:
         return None
-    counts: dict[Any, int] = {}
-    for row in over:
-        counts[row[0]] = counts.get(row[0], 0) + 1
-    labels = [row[0] for row in table.rows]
-    named = [f"{k or 'elements'}: {n} of {labels.count(k)}" for k, n in counts.items()]
-    worst = max(over, key=lambda row: _first_not_none(row[used], row[used - 1]))
-    most = _first_not_none(worst[used], worst[used - 1])
+    of_each, labels = collections.Counter(row[0] for _, row in over), [row[0] for row in table.rows]
+    named = [f"{k or 'elements'}: {n} of {labels.count(k)}" for k, n in of_each.items()]
+    most, worst = max(over, key=lambda pair: pair[0])
     where = f"{worst[0]}, element {worst[1]}".removeprefix(", ")
-    when = f", {worst[used + 1]}" if worst[used] is not None else ""
-    elements = "1 element" if len(over) == 1 else f"{len(over)} elements"
+    when = f", {worst[_MOST + 1]}" if worst[_MOST] is not None else ""
     return (
-        f"STRENGTH EXCEEDED: {elements} above the breaking force ({', '.join(named)}); largest "
-        f"utilization {most:.3g} ({where}{when})"
+        f"STRENGTH EXCEEDED: {len(over)} element{'s' * (len(over) > 1)} above the breaking force "
+        f"({', '.join(named)}); largest utilization {most:.3g} ({where}{when})"
     )
 
 
-def _governing_state_names(table):
-    """Return the names of the states in which elements have their extreme forces, a set."""
-    return {row[k] for row in table.rows for k in (6, 8) if row[k] is not None}
-
-
-def _first_not_none(value, otherwise):
-    """Return `value`, or `otherwise` if the value is None."""
-    return otherwise if value is None else value
-
-
-def _first_item(item):
-    """Return the first item of a tuple, by which tuples are compared."""
-    return item[0]
+def _first_known(row, column, otherwise):
+    """Return the cell of a row in a column, or in another one if it is None."""
+    return row[otherwise] if row[column] is None else row[column]
 
 
 def peak_forces(structure: Structure, state: Results) -> list[Float[np.ndarray, " n_elem"] | None]:
@@ -199,11 +178,9 @@ def peak_forces(structure: Structure, state: Results) -> list[Float[np.ndarray, 
 
     Inactive elements have NaN.
     """
-    parts = (
-        values_per_group(structure, state.peak_tension),
-        present_elements(structure, state.present),
-    )
+    forces = values_per_group(structure, state.peak_tension)
+    masks = present_elements(structure, state.present)
     return [
         None if force is None else np.where(present, force, np.nan)
-        for force, present in zip(*parts, strict=True)
+        for force, present in zip(forces, masks, strict=True)
     ]

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.results import Results
+from ..analysis.element_shapes import StateOrPhase
+from ..common.types import Float
 from ..elements.abilities import Sagging
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from ..results import horizontal_tensions, sags
 from .columns import element_columns, envelope_columns
-from .states import EnvelopeState
+from .states import ReportedAnalysis
 from .table import Column, Table, make_table
 
 _NOTES = (
@@ -24,62 +25,49 @@ _NOTES = (
 
 
 def sag_tables(
-    structure: Structure,
-    state: Results,
-    states: Mapping[str, EnvelopeState],
-    several: bool,
-    chains: Mapping[str, Sequence[int]] | None,
+    of: ReportedAnalysis, chains: Mapping[str, Sequence[int]] | None
 ) -> dict[str, Table]:
     """Return the table ``sags`` of all catenaries and named chains; empty without any.
 
-    Args:
-        structure: `Structure`.
-        state: the final state.
-        states: states of the envelope, by name.
-        several: whether the text shows the envelope.
-        chains: node numbers of chains by name, as for `sags`, or None.
+    `chains` are node numbers of chains by name, as for `sags`, or None.
     """
+    structure, chains = of.structure, chains or {}
     kept = [k for k, group in enumerate(structure.groups) if isinstance(group, Sagging)]
-    chains = dict(chains or {})
     if not kept and not chains:
         return {}
-    now = _sag_rows(structure, state, kept, chains)
-    names = list(states)
-    over = [_sag_rows(structure, other.result, kept, chains) for other in states.values()]
+    results = [of.state, *(state.result for state in of.envelope.values())]
+    each = [_sag_values(structure, result, kept, chains) for result in results]
+    span, sag, largest, deflection, lowest, tension = each[0]
+    rows = [(name, None, int(nodes[0]), int(nodes[-1])) for name, nodes in chains.items()]
+    more: list[Any] = [[row[k] for row in rows] for k in range(4)]
     columns = [
-        column._replace(values=[*np.asarray(column.values).tolist(), *more])
-        for column, more in zip(
-            element_columns(structure, kept), _chain_columns(chains), strict=True
-        )
+        column._replace(values=[*np.asarray(column.values).tolist(), *values])
+        for column, values in zip(element_columns(structure, kept), more, strict=True)
     ]
     columns += [
-        Column("span", "m", now["span"]),
-        Column("sag", "m", now["midspan"], heading="final sag", governs=True),
-        Column("largest sag", "m", now["largest"]),
-        Column("deflection", "m", now["deflection"]),
-        Column("lowest z", "m", now["lowest"], heading="lowest point, z"),
-        Column("horizontal tension", "N", now["tension"]),
+        Column("span", "m", span),
+        Column("sag", "m", sag, "final sag", governs=True),
+        Column("largest sag", "m", largest),
+        Column("deflection", "m", deflection),
+        Column("lowest z", "m", lowest, "lowest point, z"),
+        Column("horizontal tension", "N", tension),
     ]
-    if several:
-        for name, key, unit, sign in (
-            ("max. sag", "midspan", "m", 1),
-            ("min. z", "lowest", "m", -1),
-        ):
-            values = np.array([rows[key] for rows in over]).reshape(len(names), -1)
-            columns += envelope_columns(name, unit, values, names, sign)
+    for name, k, sign in (("max. sag", 1, 1), ("min. z", 4, -1)) if of.several else ():
+        values = np.array([rows[k] for rows in each[1:]]).reshape(len(each) - 1, -1)
+        columns += envelope_columns(name, "m", values, list(of.envelope), sign)
     return {"sags": make_table("Sags and lowest points of cables", columns, _NOTES)}
 
 
-def _chain_columns(chains):
-    """Return the values of the columns group, element, start and end node of chains, four lists."""
-    ends = [np.asarray(nodes)[[0, -1]].tolist() for nodes in chains.values()]
-    return [*chains], [None] * len(chains), [a for a, _ in ends], [b for _, b in ends]
+def _sag_values(
+    structure: Structure,
+    state: StateOrPhase,
+    kept: Sequence[int],
+    chains: Mapping[str, Sequence[int]],
+) -> Float[np.ndarray, "6 n_row"]:
+    """Return the numbers of all rows in a state: of the groups `kept`, then of the chains.
 
-
-def _sag_rows(structure, state, kept, chains):
-    """Return the numbers of all rows in a state, arrays [n_row] by name: catenaries, then chains.
-
-    `kept` are the indices of the groups of catenaries; `chains` is a dict of node numbers.
+    They are span, sag at midspan, largest sag, deflection, height of the lowest point, and
+    horizontal tension, which chains do not have.
     """
     found: list[tuple[Any, Any]] = []
     if kept:
@@ -87,15 +75,14 @@ def _sag_rows(structure, state, kept, chains):
         tensions = values_per_group(structure, horizontal_tensions(structure, state))
         found += [(every[k], tensions[k]) for k in kept]
     if chains:
-        own = sags(structure, state, chains)
-        found += [(sag, np.nan) for sag in own.values()]
-    rows = {
-        name: [np.atleast_1d(np.asarray(getattr(sag, name), float)) for sag, _ in found]
-        for name in ("span", "midspan", "largest", "deflection")
-    }
-    rows["lowest"] = [np.atleast_1d(np.asarray(sag.lowest, float)[..., 2]) for sag, _ in found]
-    rows["tension"] = [np.atleast_1d(np.asarray(tension, float)) for _, tension in found]
-    return {name: np.concatenate(values) for name, values in rows.items()}
+        found += [(sag, np.nan) for sag in sags(structure, state, chains).values()]
+    columns = [
+        [sag.span, sag.midspan, sag.largest, sag.deflection, sag.lowest[..., 2], tension]
+        for sag, tension in found
+    ]
+    return np.hstack(
+        [np.array(np.broadcast_arrays(*map(np.atleast_1d, x)), float) for x in columns]
+    )
 
 
 def check_chains(structure: Structure, chains: Mapping[str, Sequence[int]] | None) -> None:

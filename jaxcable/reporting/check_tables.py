@@ -8,10 +8,9 @@ from collections.abc import Collection
 import numpy as np
 
 from ..design.checks import CheckResult, Checks
-from .table import Column, Table, make_table
+from .table import Column, Table, columns_of_rows, make_table
 
-_LONGEST = 60
-"""Characters of the name of a check in that of its table, which is a part of names of files."""
+_LONGEST = 60  # characters of a check in the name of its table, which is a part of names of files
 
 
 def check_tables(checks: Checks) -> dict[str, Table]:
@@ -38,22 +37,19 @@ def check_sentences(checks: Checks) -> list[str]:
     """Return sentences on whether all checks have passed, and which have not."""
     count = len(checks.results)
     exceeded = [one.name for one in checks.results if not float(one.largest) <= 1.0]
-    lines = []
-    if exceeded:
-        lines.append(f"{len(exceeded)} of {count} checks NOT passed: {', '.join(exceeded)}")
-    if checks.failed:
-        lines.append(f"NOT CHECKED, because the analysis failed: {', '.join(checks.failed)}")
-    if checks.unstable:
-        lines.append(f"NOT passed, UNSTABLE at the end: {', '.join(checks.unstable)}")
+    parts = (
+        (f"{len(exceeded)} of {count} checks NOT passed", exceeded),
+        ("NOT CHECKED, because the analysis failed", checks.failed),
+        ("NOT passed, UNSTABLE at the end", checks.unstable),
+    )
+    lines = [f"{text}: {', '.join(names)}" for text, names in parts if names]
     if not lines:
-        lines.append(f"all {count} checks passed, largest utilization {float(checks.largest):.3f}")
+        lines = [f"all {count} checks passed, largest utilization {float(checks.largest):.3f}"]
     if checks.not_made:
         lines.append(f"NOT MADE: {'; '.join(checks.not_made)}")
-    for one in checks.results:
-        if one.not_covered:
-            lines.append(f"not covered by {one.name}: {one.not_covered}")
-    lines.append("not covered: all that has no check")
-    return lines
+    given = [one for one in checks.results if one.not_covered]
+    lines += [f"not covered by {one.name}: {one.not_covered}" for one in given]
+    return [*lines, "not covered: all that has no check"]
 
 
 def _largest_utilization(result: CheckResult) -> tuple[float, int]:
@@ -72,19 +68,16 @@ def _verdict(utilization):
 
 def _overview(checks):
     """Return the table of one line for each check, sorted by utilization."""
-    most = [_largest_utilization(one) for one in checks.results]
-    order = sorted(range(len(most)), key=lambda k: -np.nan_to_num(most[k][0], nan=np.inf))
-    results = [checks.results[k] for k in order]
-    where = [most[k] for k in order]
-    pairs = list(zip(results, where, strict=True))
-    columns = [
-        Column("check", "", [one.name for one in results]),
-        Column("utilization", "-", [used for used, _ in where], governs=True),
-        Column("item", "", [one.items[k] for one, (_, k) in pairs]),
-        Column("in", "", [checks.governing(one.name)[k] for one, (_, k) in pairs], heading="case"),
-        Column("verdict", "", [_verdict(float(one.largest)) for one in results]),
-        Column("clause", "", [one.clause for one in results]),
-    ]
+    rows = []
+    for one in checks.results:
+        used, k = _largest_utilization(one)
+        case, verdict = checks.governing(one.name)[k], _verdict(float(one.largest))
+        rows.append((one.name, used, one.items[k], case, verdict, one.clause))
+    rows.sort(key=lambda row: -np.nan_to_num(row[1], nan=np.inf))
+    columns = columns_of_rows(
+        rows, "check", ("utilization", "-"), "item", ("in", "", "case"), "verdict", "clause"
+    )
+    columns[1] = columns[1]._replace(governs=True)
     return make_table("Checks, largest utilization of each", columns)
 
 
@@ -97,14 +90,14 @@ def _items(checks, result):
         Column("item", "", [result.items[k] for k in order]),
         *(Column(name, unit, np.asarray(result.terms[name])[order]) for name, unit in result.units),
         Column("utilization", "-", used[order], governs=True),
-        Column("in", "", [governing[k] for k in order], heading="case"),
+        Column("in", "", [governing[k] for k in order], "case"),
     ]
-    notes = [f"utilization = {result.formula}"] if result.formula else []
-    if result.clause:
-        notes.append(f"source: {result.clause}")
-    if result.inputs:
-        notes.append("input: " + "; ".join(f"{name} = {value}" for name, value in result.inputs))
-    notes.append(f"counted: {', '.join(result.of) if result.of else 'all cases'}")
-    if result.not_covered:
-        notes.append(f"not covered: {result.not_covered}")
+    parts = (
+        ("utilization = ", result.formula),
+        ("source: ", result.clause),
+        ("input: ", "; ".join(f"{name} = {value}" for name, value in result.inputs)),
+        ("counted: ", ", ".join(result.of) if result.of else "all cases"),
+        ("not covered: ", result.not_covered),
+    )
+    notes = [word + text for word, text in parts if text]
     return make_table(f"Check: {result.name}", columns, notes)

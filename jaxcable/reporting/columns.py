@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,8 @@ def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]
     return [
         Column("group", "", [label for label, ends in parts for _ in ends]),
         Column("element", "", [k for _, ends in parts for k in range(len(ends))]),
-        Column("first", "", ends[:, 0], heading="start node"),
-        Column("last", "", ends[:, 1], heading="end node"),
+        Column("first", "", ends[:, 0], "start node"),
+        Column("last", "", ends[:, 1], "end node"),
     ]
 
 
@@ -50,20 +51,6 @@ def concatenate_groups(
     return np.concatenate([np.zeros(0), *arrays])
 
 
-def concatenate_groups_of_states(
-    structure: Structure,
-    states: Sequence[Sequence[Float[np.ndarray, " n_elem"] | None]],
-    groups: Sequence[int],
-) -> Float[np.ndarray, "n_state n"]:
-    """Return the element values of some groups in each of several states, [n_state, n].
-
-    `states` has for each state what `concatenate_groups` takes as `parts`.
-    """
-    count = sum(len(structure.groups[k].links) for k in groups)
-    arrays = [concatenate_groups(structure, parts, groups) for parts in states]
-    return np.array(arrays).reshape(len(states), count)
-
-
 def envelope_columns(
     name: str,
     unit: str,
@@ -71,19 +58,23 @@ def envelope_columns(
     states: Sequence[str],
     sign: int,
     beside: Sequence[tuple[str, str, Float[np.ndarray, "n_state n"]]] = (),
+    *,
     rounding: float = 0.0,
-    heading: str = "",
+    hidden: Collection[str] = (),
+    **look: Any,
 ) -> list[Column]:
     """Return the columns of the extreme values over some states, and of the state of each.
 
     Args:
-        name, unit, heading: those of the column of extreme values, see `Column`.
+        name, unit: those of the column of extreme values, see `Column`.
         values: values in every state, [n_state, n]; NaN where there is no value.
         states: names of the states.
         sign: 1 for the maximum, -1 for the minimum.
         beside: name, unit and values, [n_state, n], of columns that give more of the state in which
             the value is extreme.
         rounding: of states whose values differ by at most this the first one governs.
+        hidden: names of those of these columns that the text leaves out.
+        look: further fields of the `Column` of extreme values.
 
     Returns:
         The column `name`, those of `beside`, and "in" with the names of states; cells are empty
@@ -97,15 +88,15 @@ def envelope_columns(
     def governing(array):
         return np.take_along_axis(np.concatenate([nowhere, array]), which[None], axis=0)[0]
 
-    columns = [Column(name, unit, governing(values), heading=heading)]
+    columns = [Column(name, unit, governing(values), **look)]
     columns += [Column(head, of, governing(array)) for head, of, array in beside]
     largest = np.nanmax(np.abs(values), axis=0, initial=0.0)
     counts = largest > NEGLIGIBLE * largest.max(initial=0.0)
     names = [None, *states]
     governing_states = [names[k] if c else None for k, c in zip(which, counts, strict=True)]
     shown = [name for name in governing_states if name is not None]
-    heading = states_heading(shown or states)
-    return [*columns, Column("in", "", governing_states, heading=heading)]
+    columns.append(Column("in", "", governing_states, states_heading(shown or states)))
+    return [column._replace(detail=column.name in hidden) for column in columns]
 
 
 def states_heading(states: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ from ..common.units import Units
 from ..design.combination_rules import KindFactors
 from ..design.combinations import Combinations
 from .load_descriptions import describe_action
-from .table import Column, Table, make_table
+from .table import Table, columns_of_rows, make_table
 
 
 def combination_table(
@@ -33,22 +33,29 @@ def combination_table(
         tables: other tables, which name the cases that govern.
         reactions: sums of the reactions in the cases that have converged, N, by name.
     """
-    names = combinations.names
+    names, nothing = combinations.names, (None,) * 3
     cells = itertools.chain.from_iterable(row for table in tables for row in table.rows)
     words = (cell.split(" to ") for cell in cells if isinstance(cell, str))  # a range names two
     count = collections.Counter(itertools.chain.from_iterable(words))
-    columns = [
-        Column("combination", "", list(names)),
-        Column("limit state", "", list(combinations.limit_states)),
-        Column("actions", "", [combinations.formula(k) for k in range(len(names))]),
-        Column("status", "", [_status(name, failed, unstable) for name in names]),
-        Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
-        *(
-            Column(f"sum R{axis}", "N", [_component(reactions.get(name), k) for name in names])
-            for k, axis in enumerate("xyz")
-        ),
-        Column("clause", "", list(combinations.clauses), detail=True),
+    unsound = dict.fromkeys(unstable, "UNSTABLE") | {k: describe(v) for k, v in failed.items()}
+    rows = [
+        [
+            *(name, state, combinations.formula(k), unsound.get(name, ""), count[name]),
+            *map(_as_float, reactions.get(name, nothing)),
+            clause,
+        ]
+        for k, (name, state, clause) in enumerate(
+            zip(names, combinations.limit_states, combinations.clauses, strict=True)
+        )
     ]
+    columns = columns_of_rows(
+        rows,
+        *("combination", "limit state", "actions", "status", ("named", "", "times named")),
+        *((f"sum R{axis}", "N") for axis in "xyz"),
+        "clause",
+    )
+    columns[4] = columns[4]._replace(governs=True)
+    columns[-1] = columns[-1]._replace(detail=True)
     every = combinations.rules, combinations.rule_factors, combinations.clauses
     notes = ["times named: in how many rows of tables that name the combinations that govern"]
     notes.append("sum R: of all reactions, which the loads of the case and those before have")
@@ -67,17 +74,20 @@ def action_table(combinations: Combinations, units: Units) -> Table:
     actions = combinations.actions
     by_kind = {factors.kind: factors for factors in combinations.kind_factors}
     own = [by_kind.get(one.kind, KindFactors(one.kind, *(None,) * 4)) for one in actions]
-    columns = [
-        Column("action", "", [one.name for one in actions]),
-        Column("kind", "", [one.kind for one in actions]),
-        Column("acts", "", [describe_action(one, units) for one in actions], heading="what acts"),
-        *(
-            Column(name, "-", [_as_float(getattr(factors, name)) for factors in own])
-            for name in KindFactors._fields[1:]
-        ),
-        Column("in phases", "", ["yes" if one.in_phases else None for one in actions]),
-        Column("together", "", [_conditions(one) for one in actions], heading="acts together"),
+    rows = [
+        [
+            *(one.name, one.kind, describe_action(one, units)),
+            *map(_as_float, factors[1:]),
+            *("yes" if one.in_phases else None, _conditions(one)),
+        ]
+        for one, factors in zip(actions, own, strict=True)
     ]
+    columns = columns_of_rows(
+        rows,
+        *("action", "kind", ("acts", "", "what acts")),
+        *((name, "-") for name in KindFactors._fields[1:]),
+        *("in phases", ("together", "", "acts together")),
+    )
     notes = ["characteristic values, which the factors of the combinations multiply"]
     if by_kind:
         notes.append(
@@ -88,13 +98,8 @@ def action_table(combinations: Combinations, units: Units) -> Table:
     return make_table("Actions", columns, notes)
 
 
-def _component(vector, k):
-    """Return a component of a vector as a number, None without a vector."""
-    return None if vector is None else float(vector[k])
-
-
 def _as_float(value):
-    """Return a factor as a floating-point number, which a table prints by its unit, or None."""
+    """Return a number as a floating-point number, which a table prints by its unit, or None."""
     return None if value is None else float(value)
 
 
@@ -105,13 +110,6 @@ def _conditions(action):
     words += [f"never with {name}" for name in action.excludes]
     words += [f"one factor for all of {action.source!r}"] if action.source else []
     return "; ".join(words) or None
-
-
-def _status(name, failed, unstable):
-    """Return what has become of a case: "" if all is well."""
-    if name in failed:
-        return describe(failed[name])
-    return "UNSTABLE" if name in unstable else ""
 
 
 def combination_sentences(

@@ -1,54 +1,40 @@
-"""The tables of a report on displacements of nodes: of every phase or case, and their envelope."""
+"""The tables of a report on displacements and rotations of nodes, and tilts of elements."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..analysis.solution import Solution
 from ..common import status
-from ..common.units import SI, Units
-from ..model.structure import Structure
-from .columns import envelope_columns
-from .states import EnvelopeState
+from ..common.negligible import NEGLIGIBLE
+from ..common.types import Float
+from ..elements import Bars
+from ..results import element_tilts, rotation_vectors
+from .columns import concatenate_groups, element_columns, envelope_columns
+from .states import EnvelopeState, ReportedAnalysis
 from .table import Column, Table, make_table
 
 _AXES = "ux", "uy", "uz"
+# Displacement over the extent of the structure up to which a node has not moved: analyses end
+# within 1e-10 of the forces, which moves nodes by far less.
 _NEGLIGIBLE = 1e-9
-"""Displacement over the extent of the structure up to which a node has not moved.
-
-Analyses end within 1e-10 of the forces: that moves nodes by far less.
-"""
+# Displacement over the extent from which units or stiffness are in doubt. Roofs and bridges move by
+# 1/500 to 1/50 of their extent; a structure that moves by a tenth of it has found another form, or
+# is given in mm.
 _LARGE = 0.1
-"""Displacement over the extent from which units or stiffness are in doubt.
-
-Roofs and bridges move by 1/500 to 1/50 of their extent; a structure that moves by a tenth of it has
-found another form, or is given in mm.
-"""
 
 
-def displacement_tables(
-    structure: Structure, solution: Solution, states: Mapping[str, EnvelopeState], cases: bool
-) -> dict[str, Table]:
+def displacement_tables(of: ReportedAnalysis) -> dict[str, Table]:
     """Return the displacements from the start, by node and state, and their envelope.
-
-    Args:
-        structure: `Structure`.
-        solution: `Solution`.
-        states: ends of phases, or load cases, by name.
-        cases: whether the states are load cases.
 
     Returns:
         A dict: ``displacements``, with a row for each node that moves and each state, and for
         several states ``displacement_envelope``; empty without states, or if nothing moves.
     """
-    if not states:
-        return {}
-    moved = np.array([np.asarray(other.result.positions, float) for other in states.values()])
-    return _tables_of(
-        structure, solution, moved - np.asarray(structure.nodes, float), states, cases
-    )
+    nodes = np.asarray(of.structure.nodes, float)
+    note = "from the start: from the nodes of the input, with all phases so far"
+    return _tables_of(of, of.envelope, lambda _: nodes, "from the start", note)
 
 
 def phase_index(since: int | str, labels: Sequence[str]) -> int:
@@ -59,31 +45,20 @@ def phase_index(since: int | str, labels: Sequence[str]) -> int:
     """
     if isinstance(since, str) and since in labels:
         return list(labels).index(since)
-    if (
-        isinstance(since, int)
-        and not isinstance(since, bool)
-        and -len(labels) <= since < len(labels)
-    ):
-        return since % len(labels)
+    count = len(labels)
+    if isinstance(since, int) and not isinstance(since, bool) and -count <= since < count:
+        return since % count
     names = ", ".join(map(repr, labels))
     raise ValueError(
         f"since = {since!r}: no such phase; give 0 to {len(labels) - 1}, or one of {names}"
     )
 
 
-def tables_since(
-    structure: Structure,
-    solution: Solution,
-    states: Mapping[str, EnvelopeState],
-    cases: Mapping[str, Solution] | None,
-    begin: int,
-    head: str,
-) -> dict[str, Table]:
+def tables_since(of: ReportedAnalysis, begin: int, head: str) -> dict[str, Table]:
     """Return the displacements from the geometry in which a phase began, by node and state.
 
     Args:
-        structure, solution, states: as for `displacement_tables`.
-        cases: `Solution` of every load case by name, each with its own geometry; None for phases.
+        of: `ReportedAnalysis`; of cases each has its own geometry.
         begin: index of the phase.
         head: what the tables call it, such as "phase 2, wind".
 
@@ -92,103 +67,147 @@ def tables_since(
         ``displacement_since_envelope``.
     """
 
-    def geometry(analysis):
+    def geometry(name):
         # cases that begin at the end of the solution have no phases of their own from before
-        phase = (analysis if begin < len(analysis.phases) else solution).phases[begin]
+        analysis = of.solution if of.cases is None else of.cases[name]
+        phase = (analysis if begin < len(analysis.phases) else of.solution).phases[begin]
         return np.asarray(phase.positions, float) - np.asarray(phase.displacement_in_phase, float)
 
-    if cases is None:
-        kept = dict(list(states.items())[begin:])
-        start = dict.fromkeys(kept, geometry(solution))
-    else:
-        kept, start = dict(states), {name: geometry(case) for name, case in cases.items()}
-    if not kept:
-        return {}
-    moved = np.array(
-        [np.asarray(other.result.positions, float) - start[k] for k, other in kept.items()]
-    )
-    where = f"since the beginning of {head}"
-    found = _tables_of(
-        structure,
-        None,
-        moved,
-        kept,
-        cases is not None,
-        where,
-        f"from the geometry in which {head} began",
-    )
-    names = {
-        "displacements": "displacements_since",
-        "displacement_envelope": "displacement_since_envelope",
-    }
-    return {names[name]: table for name, table in found.items()}
+    states = dict(list(of.envelope.items())[begin if of.cases is None else 0 :])
+    where, note = f"since the beginning of {head}", f"from the geometry in which {head} began"
+    found = _tables_of(of, states, geometry, where, note)
+    names = "displacements_since", "displacement_since_envelope"
+    return dict(zip(names, found.values(), strict=False))
 
 
-def _tables_of(structure, solution, moved, states, cases, where="from the start", note=""):
-    """Return the tables of displacements `moved`, [n_state, n_node, 3], as `displacement_tables`.
+def _tables_of(
+    of: ReportedAnalysis,
+    states: Mapping[str, EnvelopeState],
+    geometry: Callable[[str], Float[np.ndarray, "n_node 3"]],
+    where: str,
+    note: str,
+) -> dict[str, Table]:
+    """Return tables as `displacement_tables`, from the `geometry` of each state by name.
 
-    `where` names their geometry in titles, `note` in a sentence. With a `solution` there is a
-    column of displacements within each phase.
+    `where` names this geometry in titles, `note` in a sentence.
     """
+    if not states:
+        return {}
+    each = [np.asarray(x.result.positions, float) - geometry(k) for k, x in states.items()]
+    moved, names = np.array(each), list(states)
     sizes = np.linalg.norm(moved, axis=2)
-    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _largest_side(structure))
+    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _largest_side(of.structure))
     if not len(nodes):
         return {}
-    names, moved, sizes = list(states), moved[:, nodes], sizes[:, nodes]
-    count = len(names)
-    columns = [
-        Column("node", "", np.repeat(nodes, count)),
-        Column("case" if cases else "phase", "", names * len(nodes)),
-        *(_displacement_column(axis, moved[..., k].T.ravel()) for k, axis in enumerate(_AXES)),
-        _displacement_column("u", sizes.T.ravel())._replace(heading="total u", governs=True),
-    ]
-    if not cases and solution is not None:
-        within = _displacement_sizes_within_phases(solution, names)[:, nodes]
-        columns.append(
-            _displacement_column("u in phase", within.T.ravel())._replace(heading="u of this phase")
-        )
-    notes = [note or "from the start: from the nodes of the input, with all phases so far"]
-    notes.append("nodes that do not move have no row")
+    columns = _vector_columns(of, nodes, names, moved, (*_AXES, "u"), "m", "total u")
+    if of.cases is None and where == "from the start":
+        good = [phase for phase in of.solution.phases if int(phase.status) == status.OK]
+        within = [np.linalg.norm(np.asarray(p.displacement_in_phase), axis=1)[nodes] for p in good]
+        values = np.array(within).T.ravel()
+        columns.append(Column("u in phase", "m", values, "u of this phase", millimeters=True))
+    notes = [note, "nodes that do not move have no row"]
     tables = {"displacements": make_table(f"Displacements {where}", columns, notes)}
-    if count > 1:
-        kind = "cases" if cases else "ends of phases"
-        title = f"Envelope of displacements {where}, over all {kind}"
-        envelope = _displacement_envelope_columns(nodes, names, moved, sizes)
-        tables["displacement_envelope"] = make_table(title, envelope)
+    if len(names) > 1:
+        columns = [Column("node", "", nodes)]
+        parts = [
+            (f"{word} {axis}", moved[..., k], sign, ("in",))
+            for k, axis in enumerate(_AXES)
+            for word, sign in (("min", -1), ("max", 1))
+        ]
+        for name, values, sign, hidden in (*parts, ("max u", sizes, 1, ())):
+            columns += envelope_columns(
+                *(name, "m", values[:, nodes], names, sign),
+                hidden=hidden,
+                heading=name.replace(" ", ". "),
+                millimeters=True,
+                governs=name == "max u",
+            )
+        title = f"Envelope of displacements {where}, over all {of.ends}"
+        tables["displacement_envelope"] = make_table(title, columns)
     return tables
 
 
-def _displacement_column(name, values):
-    """Return a `Column` of displacements, given in m, which the text shows in mm."""
-    return Column(name, "m", values, millimeters=True)
+def _vector_columns(of, nodes, states, vectors, names, unit, total):
+    """Return the columns of vectors [n_state, n_node, 3] of some nodes, a row for each state.
 
-
-def _displacement_sizes_within_phases(solution, names):
-    """Return the sizes of displacements since the phase began, [n_phase, n_node], m.
-
-    Phases are those that have converged, as many as `names`.
+    `names` are those of three components and of the size, whose heading is `total`.
     """
-    good = [phase for phase in solution.phases if int(phase.status) == status.OK]
-    assert len(good) == len(names)
-    return np.array([np.linalg.norm(np.asarray(p.displacement_in_phase), axis=1) for p in good])
+    vectors = vectors[:, nodes]
+    parts = [*np.moveaxis(vectors, -1, 0), np.linalg.norm(vectors, axis=2)]
+    small = unit == "m"
+    columns = [
+        Column("node", "", np.repeat(nodes, len(states))),
+        Column(of.kind, "", list(states) * len(nodes)),
+        *(
+            Column(name, unit, part.T.ravel(), millimeters=small)
+            for name, part in zip(names, parts, strict=True)
+        ),
+    ]
+    columns[-1] = columns[-1]._replace(heading=total, governs=True)
+    return columns
 
 
-def _displacement_envelope_columns(nodes, names, moved, sizes):
-    """Return the columns of the displacement envelope, a list of `Column`.
+def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
+    """Return the table of rotations of nodes by state, {"rotations": Table}; empty without any."""
+    if not of.structure.space.rotates or not of.envelope:
+        return {}
+    each = [rotation_vectors(of.structure, state.result) for state in of.envelope.values()]
+    turned = np.array([np.asarray(vectors) for vectors in each])
+    nodes = np.flatnonzero(np.linalg.norm(turned, axis=2).max(axis=0) > NEGLIGIBLE)  # beside 1 rad
+    if not len(nodes):
+        return {}
+    names = "rx", "ry", "rz", "angle"
+    columns = _vector_columns(of, nodes, of.envelope, np.degrees(turned), names, "deg", "")
+    notes = [
+        "from the start: against the nodes of the input, with all phases so far",
+        "rotation vectors: the direction is the axis, the length the angle; small ones are angles "
+        "about x, y, z",
+    ]
+    return {"rotations": make_table("Rotations from the start", columns, notes)}
 
-    `nodes` are those that move, [n], `moved` their displacements from the start in each of the
-    states `names`, [n_state, n, 3], m, and `sizes` the sizes of these, [n_state, n], m.
+
+def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:
+    """Return the table of tilt and twist, {"tilts": Table}; empty without beams and bars.
+
+    Groups of bars without compression, which are cables, and springs to the ground have no rows.
     """
-    columns = [Column("node", "", nodes)]
-    for k, axis in enumerate(_AXES):
-        for word, sign in (("min", -1), ("max", 1)):
-            name = f"{word} {axis}"
-            extreme, when = envelope_columns(
-                name, "m", moved[..., k], names, sign, heading=f"{word}. {axis}"
-            )
-            columns += [extreme._replace(millimeters=True), when._replace(detail=True)]
-    largest, when = envelope_columns("max u", "m", sizes, names, 1, heading="max. u")
-    return [*columns, largest._replace(millimeters=True, governs=True), when]
+    structure = of.structure
+    kept = [
+        k
+        for k, group in enumerate(structure.groups)
+        if group.links.shape[1] > 1  # springs have no chord
+        and (group.rotates or (isinstance(group, Bars) and not group.tension_only))
+    ]
+
+    def angles(state, end=None):
+        """Return the tilt, or the twist at one end, of all elements, degrees."""
+        every = structure.group_tree.flatten_up_to(element_tilts(structure, state))
+        if end is None:
+            parts = [one.tilt for one in every]
+        else:
+            parts = [None if one.twist is None else one.twist[:, end] for one in every]
+        return np.degrees(concatenate_groups(structure, parts, kept))
+
+    if not kept:
+        return {}
+    tilt, over = of.values(angles)
+    twist = [angles(of.state, end) for end in (0, 1)]
+    every = np.vstack([tilt, over, *twist])  # NaN: an element is not active, or has no twist
+    if not np.nan_to_num(np.abs(every)).max() > np.degrees(NEGLIGIBLE):
+        return {}
+    columns = [
+        *element_columns(structure, kept),
+        Column("tilt", "deg", tilt, governs=True),
+        Column("twist first", "deg", twist[0], "twist, start"),
+        Column("twist last", "deg", twist[1], "twist, end"),
+    ]
+    if of.several:
+        columns += envelope_columns("max. tilt", "deg", over, list(of.envelope), 1)
+    notes = [
+        "tilt: angle between the chord of the element and its initial direction",
+        "twist: rotation of the nodes about the chord, right-handed from start to end node",
+    ]
+    return {"tilts": make_table("Tilt and twist of beams and bars", columns, notes)}
 
 
 def _largest_side(structure):
@@ -196,12 +215,10 @@ def _largest_side(structure):
     return float(np.ptp(np.asarray(structure.nodes, float), axis=0).max())
 
 
-def large_displacement_sentence(
-    structure: Structure, solution: Solution, units: Units = SI
-) -> str | None:
-    """Return a sentence on a displacement above a tenth of the extent, or None; in `units`."""
-    moved = np.linalg.norm(np.asarray(solution.last.displacement, float), axis=1)
-    extent = _largest_side(structure)
+def large_displacement_sentence(of: ReportedAnalysis) -> str | None:
+    """Return a sentence on a displacement above a tenth of the extent, or None."""
+    moved = np.linalg.norm(np.asarray(of.state.displacement, float), axis=1)
+    extent, units = _largest_side(of.structure), of.units
     if not moved.max() > _LARGE * extent:
         return None
     return (

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import datetime
+import importlib
 import io
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any, NamedTuple
 
 import jax
 
 from ..common.units import SI, Units
 from ..studies.task import package_version
-from .table import Scales, Table, common_scales, table_texts
+from .table import Scales, ShownTable, Table, common_scales, show_table
 
-# Widths in points of characters of 8 points in the serif face of the PDF: digits, which are all of
-# one width, capitals, other letters on average, and points and spaces; bold ones are wider.
-_DIGIT, _CAPITAL, _LETTER, _POINT, _BOLD = 3.8, 5.0, 3.4, 2.2, 1.25
-_GAP = 7.0  # between columns
-_PORTRAIT, _LANDSCAPE = 470.0, 717.0  # width of the text on A4
-_LONGEST = 34  # characters of a text, from which on it wraps
+_PORTRAIT, _LANDSCAPE = 124, 188  # digits of 8 points beside each other on A4, within margins
+_GAP = 1.4  # digits between columns; points in numbers are narrower than digits
+_LONGEST = 34  # digits of a text, from which on it wraps
 _SHORTEST = 20  # the same where a page in portrait format is wide enough then
-_MOST_KEYS = 4
-"""Columns that name a row, and are repeated where a table is split: group, element, two nodes."""
-_FEW = 15
-"""Number of rows up to which a wide table is in parts, not on a page in landscape format."""
+_MOST_KEYS = 4  # columns that name a row, repeated in each part: group, element, two nodes
+_FEW = 15  # rows up to which a wide table is in parts, not on a page in landscape format
 _PLAIN_TITLE = "Structural analysis"
 _MINUS = "\N{MINUS SIGN}"
 
@@ -37,31 +33,29 @@ class Heading(NamedTuple):
     date: str | datetime.date | None = None
     details: Mapping[str, str] = MappingProxyType({})
 
-
-class Part(NamedTuple):
-    """Columns of a table that fit on a page beside each other: all of them, or some.
-
-    Attributes:
-        headings, units: of each column.
-        numeric: whether each column has numbers, which are put to the right.
-        rows: texts of the cells, row by row.
-        landscape: whether the part needs a page in landscape format.
-    """
-
-    headings: list[str]
-    units: list[str]
-    numeric: list[bool]
-    rows: list[list[str]]
-    landscape: bool
+    def facts(self, units: Units | str | None) -> list[tuple[str, str]]:
+        """Return what stands below the title, pairs of a word and a text."""
+        stated = ("author", self.author), ("date", self.date), *self.details.items()
+        every = *stated, ("program", program_versions()), ("units", units)
+        return [(word, str(text)) for word, text in every if text not in (None, "")]
 
 
 class DocumentTable(NamedTuple):
-    """A table of a document: its name, its title, its parts, and its notes."""
+    """A table of a document.
+
+    Attributes:
+        name: name of the table, for links.
+        parts: `ShownTable` of all columns, or several of columns that fit on a page beside each
+            other; none for a table without columns.
+        title, notes: those of the whole table.
+        landscape: whether it needs pages in landscape format.
+    """
 
     name: str
+    parts: list[ShownTable]
     title: str
-    parts: list[Part]
     notes: list[str]
+    landscape: bool
 
 
 class Document(NamedTuple):
@@ -88,7 +82,7 @@ def make_document(
     units: Units | None,
     heading: Heading,
     pictures: Mapping[str, Any],
-    most: int | None,
+    most: int,
 ) -> Document:
     """Return the `Document` of a report.
 
@@ -96,25 +90,28 @@ def make_document(
         summary, tables, units: those of a `Report`.
         heading: `Heading`.
         pictures: matplotlib figures by their captions.
-        most: largest number of rows of each table; None for all.
+        most: largest number of rows of each table.
     """
     scales = common_scales(list(tables.values()), units)
-    left_out = {} if most is None else {n: t for n, t in tables.items() if _is_left_out(t, most)}
-    found = [
-        _document_table(name, table, most, scales, units or SI)
-        for name, table in tables.items()
-        if name not in left_out
-    ]
-    lines = list(summary)
+    found, lines, left_out = [], list(summary), []
+    for name, table in tables.items():
+        if "case" in table.columns and len(table.rows) > most:  # nobody reads some of the cases
+            left_out.append(f"{name} ({len(table.rows)} rows)")
+        else:
+            found.append(_document_table(name, table, most, scales, units or SI))
     if left_out:
-        named = ", ".join(f"{name} ({len(table.rows)} rows)" for name, table in left_out.items())
+        named = ", ".join(left_out)
         lines.append(f"not in this document, but in .xlsx, .csv and .json files: {named}")
-    return Document(_title(heading), _facts(heading, units), lines, found, picture_svgs(pictures))
+    title = str(heading.title or _PLAIN_TITLE)
+    return Document(title, heading.facts(units), lines, found, picture_svgs(pictures))
 
 
-def _is_left_out(table, most):
-    """Return whether a table has a row for each case, and too many: nobody reads some of them."""
-    return "case" in table.columns and len(table.rows) > most
+def import_library(name: str, kind: str) -> ModuleType:
+    """Import and return the library that writes files of a kind; ValueError if it is missing."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ValueError(f"{kind}: needs {name}; pip install 'jaxcable[reports]'") from None
 
 
 def program_versions() -> str:
@@ -122,89 +119,60 @@ def program_versions() -> str:
     return f"jaxcable {package_version('jaxcable')}, jax {jax.__version__}"
 
 
-def _title(heading):
-    """Return the title of a document."""
-    return str(heading.title or _PLAIN_TITLE)
-
-
-def _facts(heading, units):
-    """Return what stands below the title, pairs of a word and a text."""
-    stated = (("author", heading.author), ("date", heading.date), *heading.details.items())
-    facts = [(word, str(text)) for word, text in stated if text not in (None, "")]
-    facts.append(("program", program_versions()))
-    if units is not None:
-        facts.append(("units", str(units)))
-    return facts
-
-
-def _document_table(name: str, table: Table, most: int | None, scales: Scales, units: Units):
-    """Return a table as `DocumentTable`; arguments as of `make_document` and `table_texts`."""
-    shown_units, texts, shown, notes = table_texts(table, most, scales, units)
-    names = table.headings or [column.strip() for column in table.columns]
-    numeric = [
-        all(isinstance(row[k], int | float | None) for row in table.rows)
-        for k in range(len(table.columns))
+def _document_table(name: str, table: Table, most: int, scales: Scales, units: Units):
+    """Return a table as `DocumentTable`; arguments as of `make_document` and `show_table`."""
+    shown = show_table(table, most, scales, units)
+    columns = [
+        [text.replace("-", _MINUS) for text in texts] if is_numeric else texts
+        for texts, is_numeric in zip(zip(*shown.rows, strict=True), shown.is_numeric, strict=True)
     ]
-    texts = [
-        [text.replace("-", _MINUS) for text in column] if is_numeric else column
-        for column, is_numeric in zip(texts, numeric, strict=False)  # no texts without rows
-    ]
-    widths, least = (  # in points
-        {k: _column_width(names[k], shown_units[k], texts[k], longest) for k in shown}
-        for longest in (_LONGEST, _SHORTEST)
+    narrow, wide = (
+        [
+            _column_width(*of, _LONGEST if of[2] else most)
+            for of in zip(*shown[1:4], columns, strict=True)
+        ]
+        for most in (_SHORTEST, _LONGEST)
     )
-    least = {k: widths[k] if numeric[k] else least[k] for k in shown}
-    room, space = _PORTRAIT, least
-    if sum(least.values()) > _PORTRAIT and len(table.rows) > _FEW:
-        room, space = _LANDSCAPE, widths
-    parts = []
-    for columns in _split_columns(shown, space, [shown_units[k] for k in shown], room):
-        every: Any = names, shown_units, numeric, texts
-        own_names, own_units, own_numeric, own = ([of[k] for k in columns] for of in every)
-        rows = [list(row) for row in zip(*own, strict=True)]
-        wide = sum(least[k] for k in columns) > _PORTRAIT
-        parts.append(Part(own_names, own_units, own_numeric, rows, wide))
-    return DocumentTable(name, table.title, parts, notes)
+    is_turned = sum(narrow) > _PORTRAIT and len(table.rows) > _FEW
+    widths, room = (wide, _LANDSCAPE) if is_turned else (narrow, _PORTRAIT)
+    parts = _split_columns(shown.units, widths, room)
+    landscape = any(sum(narrow[k] for k in part) > _PORTRAIT for part in parts)
+
+    def part_of(part):
+        headings, units, is_numeric = ([of[k] for k in part] for of in shown[1:4])
+        rows = [list(row) for row in zip(*(columns[k] for k in part), strict=True)]
+        return ShownTable(table.title, headings, units, is_numeric, rows, [])
+
+    every = [part_of(part) for part in parts]
+    return DocumentTable(name, every, table.title, shown.notes, landscape)
 
 
-def _column_width(heading, unit, texts, longest):
-    """Return the width of a column in points: of its cells, and of the words of its heading.
+def _column_width(heading, unit, is_numeric, texts, longest):
+    """Return the width of a column in digits: of its cells, and of the words of its heading.
 
     Cells of more than `longest` characters wrap, but a word does only if it has very many.
     """
-    words = (word[:_LONGEST] for text in texts for word in text.split())
-    cells = max(map(_text_width, (*(text[:longest] for text in texts), *words)))
-    word = max(map(_text_width, heading.split()), default=0.0)
-    lines = _text_width(heading) / 2  # headings have two or three lines
-    return _GAP + max(cells, _BOLD * word, _BOLD * lines, _text_width(unit))
+    words = (len(word[:_LONGEST]) for text in texts for word in text.split())
+    cells = max(max(min(len(text), longest) for text in texts), *words)
+    word = max(map(len, heading.split()), default=0)
+    lines = len(heading) / 2  # headings have two or three lines
+    return _GAP + max(cells, word, lines, len(unit))
 
 
-def _text_width(text):
-    """Return the width of a text in points."""
-    digits = sum(c.isdigit() or c == _MINUS for c in text)
-    capitals = sum(c.isupper() for c in text)
-    letters = sum(c.isalpha() for c in text) - capitals
-    others = len(text) - digits - capitals - letters
-    return _DIGIT * digits + _CAPITAL * capitals + _LETTER * letters + _POINT * others
-
-
-def _split_columns(shown, widths, units, room):
-    """Return the columns of each part of a table that fit on a page, a list of lists.
-
-    `room` is the width of a page, points.
+def _split_columns(units, widths, room):
+    """Return the indices of the columns of each part of a table that fits in `room`, lists.
 
     The first columns, which name the row, are in every part; texts stay beside their numbers.
     """
-    if not shown:
-        return []
-    if sum(widths[k] for k in shown) <= room:
-        return [shown]
-    count = next((k for k, unit in enumerate(units) if unit), len(units))
-    keys, others = shown[: min(count, _MOST_KEYS)], shown[min(count, _MOST_KEYS) :]
-    room -= sum(widths[k] for k in keys)
+    count = len(units)
+    if sum(widths) <= room:
+        return [[*range(count)]] if count else []
+    first = next((k for k, unit in enumerate(units) if unit), count)
+    keys = [*range(min(first, _MOST_KEYS))]
+    room -= sum(widths[: len(keys)])
     chunks: list[list[int]] = []  # a value, and the case in which it governs behind it
-    for k in others:
-        if units[shown.index(k)] or not chunks:
+    for k in range(len(keys), count):
+        if units[k] or not chunks:
             chunks.append([])
         chunks[-1].append(k)
     parts: list[list[int]] = [[]]

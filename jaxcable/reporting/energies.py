@@ -8,18 +8,14 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
-from ..common.units import SI, Units
-from ..model.structure import Structure
 from ..results.energy import energy_balance
+from .states import ReportedAnalysis
 from .table import Column, Table, make_table
 
+# Imbalance over the largest term of a phase from which there is a note: the trapezoidal rule leaves
+# a few per cent where a net stiffens in ten increments; more shows a jump.
 _IMBALANCE = 0.05
-"""Imbalance over the largest term of a phase from which there is a note.
-
-The trapezoidal rule leaves a few per cent where a net stiffens in ten increments; more shows a
-jump.
-"""
-_TERMS = {
+_TERMS = {  # of `EnergyBalance`, which are columns, and their headings
     "dead": "gravity-type loads",
     "following": "follower loads",
     "supports": "support movements",
@@ -28,40 +24,30 @@ _TERMS = {
     "dissipated": "dissipated energy",
     "imbalance": "imbalance",
 }
-"""Terms of `EnergyBalance`, which are columns, and their headings."""
 
 
 def energy_table(
-    structure: Structure,
-    solution: Solution,
+    of: ReportedAnalysis,
     phases: Sequence[Phase],
-    start: Solution | State | None = None,
-    names: Sequence[str] | None = None,
-    *,
-    units: Units = SI,
+    start: Solution | State | None,
+    names: Sequence[str] | None,
 ) -> Table:
     """Return the energy balance as a table: works, stored and dissipated energy of each phase, J.
 
     Args:
-        structure, phases, solution, start: as for `energy_balance`.
+        of: `ReportedAnalysis`.
+        phases, start: as for `energy_balance`.
         names: names of the phases; None for their numbers.
-
-    Options:
-        units: `Units` of the numbers in the notes.
     """
-    balance = energy_balance(structure, phases, solution, start)
-    count = len(balance.relative_imbalance)
-    labels = list(range(1, count + 1)) if names is None else [*map(str, names)]
+    balance = energy_balance(of.structure, phases, of.solution, start)
+    labels = [*range(1, len(phases) + 1)] if names is None else [*map(str, names)]
     columns = [
         Column("phase", "", labels),
-        *(
-            Column(term, "J", np.asarray(getattr(balance, term)), heading=heading)
-            for term, heading in _TERMS.items()
-        ),
-        Column("part", "%", 100 * np.asarray(balance.relative_imbalance), heading="imbalance"),
+        *(Column(k, "J", np.asarray(getattr(balance, k)), head) for k, head in _TERMS.items()),
+        Column("part", "%", 100 * np.asarray(balance.relative_imbalance), "imbalance"),
     ]
     notes = [
-        f"energy stored at the end: {units.text(balance.level[-1], 'J')}",
+        f"energy stored at the end: {of.units.text(balance.level[-1], 'J')}",
         "work is summed over load steps by the trapezoidal rule: four times more accurate with "
         "twice as many increments",
         "imbalance in %: of the largest term of the phase",
@@ -70,7 +56,7 @@ def energy_table(
         if balance.relative_imbalance[k] > _IMBALANCE and len(gaps):
             worst = int(np.abs(gaps).argmax())
             notes.append(
-                f"phase {labels[k]} does not balance: {units.text(gaps[worst], 'J', '.3g')} in "
+                f"phase {labels[k]} does not balance: {of.units.text(gaps[worst], 'J', '.3g')} in "
                 f"increment {worst + 1} of {len(gaps)}. Either the structure jumped there, or it "
                 "was not in equilibrium when the phase began, or more increments are needed"
             )

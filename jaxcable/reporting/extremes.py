@@ -10,11 +10,9 @@ from ..common.types import Float
 from ..elements.bending import gauss_lobatto
 from ..results.interpolation import interpolation_matrices
 
+# Number of places at which a polynomial is replaced by cubics. Their error falls with the fourth
+# power of the distance: a moment of degree 5 is met within 1e-7.
 _FINE = 17
-"""Number of places at which a polynomial is replaced by cubics.
-
-Their error falls with the fourth power of the distance: a moment of degree 5 is met within 1e-7.
-"""
 _NEAR = 1e-9  # of the largest value: what exceeds the value at an end by less is rounding
 
 
@@ -33,26 +31,16 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-def fine_interpolation_matrices(
-    count: int, sloped: bool
-) -> tuple[
-    Float[np.ndarray, " n_fine"],
-    Float[np.ndarray, "n_data n_fine"],
-    Float[np.ndarray, "n_data n_fine"],
-]:
-    """Return matrices that evaluate the polynomial through Gauss-Lobatto points at many places.
+def fine_places_and_slopes(
+    count: int,
+) -> tuple[Float[np.ndarray, " n_fine"], Float[np.ndarray, "n_point n_fine"]]:
+    """Return many places along elements, and a matrix that gives slopes there.
 
-    Args:
-        count: number of points, n_point.
-        sloped: whether the data are values and then slopes at the points, or values alone.
-
-    Returns:
-        places: from 0 to 1, [n_fine]; the points are among them.
-        values, slopes: matrices [n_data, n_fine]; data [..., n_data] times them are the values and
-            slopes of the polynomial at the places.
+    Values [..., n_point] at `count` Gauss-Lobatto points, which are among the places from 0 to 1,
+    times the matrix are the slopes of the polynomial through them.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), gauss_lobatto(count)[0]]))
-    return places, *interpolation_matrices(count, sloped, tuple(places.tolist()))
+    return places, interpolation_matrices(count, False, tuple(places.tolist()))[1]
 
 
 def hermite_cubics(

@@ -25,11 +25,9 @@ from ..results.interpolation import (
 )
 from . import extremes
 
+# Difference over the largest stress below which fibres have the same stress: above the rounding of
+# strains, 1e-10, and below what bending of any interest makes of them.
 _SAME = 1e-6
-"""Difference over the largest stress below which fibres have the same stress.
-
-Above the rounding of strains, 1e-10, and below what bending of any interest makes of them.
-"""
 
 
 class SectionPoints(NamedTuple):
@@ -83,10 +81,7 @@ def has_stresses(structure: Structure, solution: Solution) -> bool:
 
 
 def increment_stresses(
-    structure: Structure,
-    solution: Solution,
-    names: Sequence[str],
-    from_phase: int = 0,
+    structure: Structure, solution: Solution, names: Sequence[str], from_phase: int = 0
 ) -> list[IncrementStresses]:
     """Return the `IncrementStresses` of every converged increment of some phases.
 
@@ -100,11 +95,9 @@ def increment_stresses(
         A list; empty if no element has stresses.
     """
     found, points = [], [stress_points(group) for group in structure.groups]
-    for index in range(from_phase, len(names)):
-        name, phase = names[index], solution.phases[index]
+    for name, phase in list(zip(names, solution.phases, strict=False))[from_phase:]:
         path = phase.path
         stress = _group_stresses(structure, points, phase)
-        loads = _loads_in_path(structure, path)
         kept = [k for k, values in enumerate(stress) if values is not None]
         good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
         for n in good if kept else ():
@@ -115,7 +108,7 @@ def increment_stresses(
                     points[k],
                     np.asarray(stress[k][n], float),
                     present[k],
-                    None if loads[k] is None else _loads_and_lengths(structure, path, k, n),
+                    _loads_and_lengths(structure, path, k, n),
                 )
                 for k in kept
             ]
@@ -158,9 +151,8 @@ def _group_stresses(structure, points, phase):
     strain = phase.path.strain
     strains = [None] * len(points) if strain is None else values_per_group(structure, strain)
     linear = [p is not None and p.modulus is not None for p in points]
-    if all(linear):
-        found = strains
-    else:
+    found = strains
+    if not all(linear):
         found = values_per_group(structure, fibre_stress(structure, phase))
     for k, (place, strain) in enumerate(zip(points, strains, strict=True)):
         if linear[k]:
@@ -176,20 +168,19 @@ def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.n
     return [np.asarray(found)[k] > 0 for found in values_per_group(structure, path.present)]
 
 
-def _loads_in_path(structure, path):
-    """Return `POINT_LOADS` of every group in all increments, or None, a list."""
-    return values_per_group(structure, (path.results or {}).get(POINT_LOADS.name))
-
-
 def _loads_and_lengths(structure, path, k, n):
-    """Return the `acting_point_loads` of group `k` in increment `n`, and the lengths, m."""
-    loads = _loads_in_path(structure, path)[k][n]
+    """Return the `acting_point_loads` of group `k` in increment `n`, and the lengths, m.
+
+    None for a group without concentrated loads.
+    """
+    loads = values_per_group(structure, (path.results or {}).get(POINT_LOADS.name))[k]
+    if loads is None:
+        return None
     nodes = np.asarray(structure.nodes, float)
-    ends = (nodes + np.asarray(path.motion, float)[n, : len(nodes), :3])[
-        end_nodes(structure.groups[k])
-    ]
+    positions = nodes + np.asarray(path.motion, float)[n, : len(nodes), :3]
+    ends = positions[end_nodes(structure.groups[k])]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return acting_point_loads(np.asarray(loads, float)), lengths
+    return acting_point_loads(np.asarray(loads[n], float)), lengths
 
 
 def _extreme_stresses(group, points, stress, present, loads):
@@ -208,18 +199,15 @@ def _extreme_stresses(group, points, stress, present, loads):
     stress = stress.reshape(len(stress), *(1,) * (3 - stress.ndim), *stress.shape[1:])
     stress = np.where(present[:, None, None], stress, np.nan)
     fibres = np.swapaxes(stress, 1, 2)  # [n_elem, n_fibre, n_point]
-    if isinstance(group, Beams):
-        places = gauss_lobatto(stress.shape[1])[0]
-        if group.section.is_elastic:
-            found = _extremes_of_linear_fibres(group, points, fibres, places, loads)
-        else:
-            found = extremes.sampled_extremes(fibres[:, :, None], places[None])
+    is_beam = isinstance(group, Beams)
+    places = gauss_lobatto(stress.shape[1])[0] if is_beam else np.array([np.nan])
+    if is_beam and group.section.is_elastic:
+        found = _extremes_of_linear_fibres(group, points, fibres, places, loads)
     else:
-        found = extremes.sampled_extremes(fibres[:, :, None], np.full((1, 1), np.nan))
-    low, high = (found.low, found.low_at, 1), (found.high, found.high_at, -1)
+        found = extremes.sampled_extremes(fibres[:, :, None], places[None])
     return ExtremeStresses(
-        _governing_fibre(points, *low),
-        _governing_fibre(points, *high),
+        _governing_fibre(points, found.low, found.low_at, 1),
+        _governing_fibre(points, found.high, found.high_at, -1),
         _stress_utilization(group, stress),
     )
 

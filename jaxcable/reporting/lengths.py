@@ -6,37 +6,34 @@ import itertools
 
 import numpy as np
 
-from ..analysis.solution import Solution
 from ..common.types import Float, Int
-from ..common.units import SI, Units
 from ..elements import Cables, SlidingCables
 from ..model.result_parts import end_nodes, named_groups_of, values_per_group
-from ..model.structure import Structure
 from .columns import concatenate_groups, element_columns
-from .table import Column, Table, make_table
+from .states import ReportedAnalysis
+from .table import Column, Table, columns_of_rows, make_table
 
+# Cosine between two elements at a node up to which one cable runs through them. The direction
+# changes by 60 degrees then: more than at any clamp of a net, less than at the corner of a
+# triangle, where cables end.
 _THROUGH = -0.5
-"""Cosine between two elements at a node up to which one cable runs through them.
-
-The direction changes by 60 degrees then: more than at any clamp of a net, less than at the corner
-of a triangle, where cables end.
-"""
 _REFERENCE = "unstressed lengths at the reference temperature (before the first phase)"
 _ADDED = "; of added elements at the temperature of the phase that added them"
 
 
-def cutting_list_table(structure: Structure, solution: Solution, units: Units = SI) -> Table:
+def cutting_list_table(of: ReportedAnalysis) -> Table:
     """Return the unstressed lengths of all elements, at the temperature before the first phase.
 
     Elements that a phase has added have seen only changes of temperature since then. Where cables
     run through several elements (see `cable_tables`), there are also the number of the cable in its
     group, and the unstressed length along it up to the start and the end node of the element: the
-    positions of clamp marks. Notes have `units`.
+    positions of clamp marks.
     """
-    lengths, chained = _lengths_and_chains(structure, solution)
+    structure = of.structure
+    lengths, chained = _lengths_and_chains(structure, of.solution)
     kept = [k for k, length in enumerate(lengths) if length is not None]
     marks = [np.full((len(group.links), 3), np.nan) for group in structure.groups]
-    notes = [_reference_temperature_sentence(solution)]
+    notes = [_reference_temperature_sentence(of.solution)]
     if not all(isinstance(structure.groups[k], Cables) for k in kept):
         notes.append("beams and bars: length between nodes, without connections")
     for k, (label, _) in enumerate(named_groups_of(structure)):
@@ -46,25 +43,25 @@ def cutting_list_table(structure: Structure, solution: Solution, units: Units = 
             marks[k][elements, 0] = number
             marks[k][elements, 1:] = np.where(turned[:, None], span[:, ::-1], span)
         if k in kept:
-            pieces, total = len(lengths[k]), np.sum(lengths[k])
-            plural = "piece" if pieces == 1 else "pieces"
-            whole = units.text(total, "m", ".3f")
-            notes.append(f"{label or 'all'}: {pieces} {plural}, {whole} in total")
+            pieces = f"{len(lengths[k])} piece{'s' * (len(lengths[k]) != 1)}"
+            whole = of.units.text(np.sum(lengths[k]), "m", ".3f")
+            notes.append(f"{label or 'all'}: {pieces}, {whole} in total")
     length = Column("unstressed length", "m", concatenate_groups(structure, lengths, kept))
     columns = [*element_columns(structure, kept), length]
     if any(len(elements) > 1 for found in chained for elements, _ in found):
-        cable, *ends = np.concatenate([marks[k] for k in kept]).T
-        columns.append(Column("cable", "", [None if np.isnan(x) else int(x) for x in cable]))
-        names = {"from": "start position", "to": "end position"}
-        for (name, heading), x in zip(names.items(), ends, strict=True):
-            columns.append(Column(name, "m", x, heading=heading))
+        cable, start, end = np.concatenate([marks[k] for k in kept]).T
+        columns += [
+            Column("cable", "", [None if np.isnan(x) else int(x) for x in cable]),
+            Column("from", "m", start, "start position"),
+            Column("to", "m", end, "end position"),
+        ]
         notes.append(
             "start and end position: of the nodes along the unstressed cable (clamp marks)"
         )
     return make_table("Cutting list: fabrication lengths", columns, notes)
 
 
-def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
+def cable_tables(of: ReportedAnalysis) -> dict[str, Table]:
     """Return the unstressed lengths of whole cables, chains of elements: {"cables": `Table`}.
 
     A cable runs through a node from one element to another of its group if its direction changes by
@@ -72,23 +69,22 @@ def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
     where every cable is a single element.
     """
     rows = []
-    groups = zip(named_groups_of(structure), *_lengths_and_chains(structure, solution), strict=True)
-    for (label, group), length, found in groups:
-        ends = end_nodes(group)
+    parts = _lengths_and_chains(of.structure, of.solution)
+    for (label, group), length, found in zip(named_groups_of(of.structure), *parts, strict=True):
         for k, (elements, turned) in enumerate(found):
-            nodes = np.where(turned[:, None], ends[elements][:, ::-1], ends[elements])
+            ends = end_nodes(group)[elements]
+            nodes = np.where(turned[:, None], ends[:, ::-1], ends)
             total = float(length[elements].sum())
             rows.append((label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total))
     if all(row[2] == 1 for row in rows):
         return {}
-    names = ("group", "cable", "elements", "first", "last", "unstressed length")
-    headings = {"first": "start node", "last": "end node"}
-    columns = [
-        Column(name, "m" if name == names[-1] else "", values, heading=headings.get(name, ""))
-        for name, values in zip(names, zip(*rows, strict=True), strict=True)
-    ]
+    columns = columns_of_rows(
+        rows,
+        *("group", "cable", "elements", ("first", "", "start node"), ("last", "", "end node")),
+        ("unstressed length", "m"),
+    )
     notes = (
-        _reference_temperature_sentence(solution),
+        _reference_temperature_sentence(of.solution),
         "a cable: consecutive elements of a group whose direction changes by less than 60 degrees",
     )
     return {"cables": make_table("Whole cables: fabrication lengths", columns, notes)}

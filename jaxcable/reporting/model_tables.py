@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,11 +22,12 @@ from ..model.structure import Structure
 from ..model.supports import Supports
 from .load_descriptions import range_with_unit
 from .phase_descriptions import describe_activation, describe_loads, describe_statements
-from .table import Column, Table, make_table
+from .table import Column, Table, columns_of_rows, make_table
 
 _FREEDOMS = "x", "y", "z", "rx", "ry", "rz"
 _MOST = 8  # nodes that are listed
 _SKEW = 1e-9  # size of an entry of a rotation matrix up to which it is rounding
+# Properties that groups have for each element: names in the table, and units.
 _PROPERTIES = {
     "area": ("A", "m2"),
     "weight": ("weight", "N/m"),
@@ -33,9 +35,7 @@ _PROPERTIES = {
     "expansion": ("expansion", "1/K"),
     "gap": ("gap", "m"),
 }
-"""Properties that groups have for each element: names in the table, and units."""
-_STIFFNESSES = ("EA", "N"), ("EIy", "N m2"), ("EIz", "N m2"), ("GJ", "N m2")
-_SHEAR = ("GAy", "N"), ("GAz", "N")
+_STIFFNESSES = {"EA": "N", "EIy": "N m2", "EIz": "N m2", "GJ": "N m2", "GAy": "N", "GAz": "N"}
 
 
 def model_tables(
@@ -94,56 +94,44 @@ def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) 
 
 def _property_table(structure: Structure, units: Units | None) -> Table:
     """Return the table of the properties of elements: a row for all with the same in a group."""
-    heads: list[tuple[str, str, str]] = []
-    numbers: list[Float[np.ndarray, " n"]] = []
-    also: list[str | None] = []
+    rows: list[list[Any]] = []
     for label, group in named_groups_of(structure):
-        values = np.column_stack([*_stiffnesses_of(group), *_stated_properties(group)])
-        more = _further_properties(group, units)
-        start = 0
-        for stop in range(1, len(values) + 1):
-            same = stop < len(values) and np.array_equal(
-                values[start], values[stop], equal_nan=True
-            )
-            if not same:
-                which = str(start) if stop - start == 1 else f"{start} to {stop - 1}"
-                heads.append((label, type(group).__name__, which))
-                numbers.append(values[start])
-                also.append(more)
-                start = stop
-    names = [*_STIFFNESSES, *_SHEAR, *_PROPERTIES.values()]
-    texts = zip(("group", "kind", "elements"), zip(*heads, strict=True), strict=True)
-    columns = [
-        *(Column(name, "", list(cells)) for name, cells in texts),
-        *(Column(n, unit, c) for (n, unit), c in zip(names, np.array(numbers).T, strict=True)),
-        Column("also", "", also),
-    ]
+        values = _properties_of(group)
+        also = _further_properties(group, units)
+        changes = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
+        starts = [0, *(np.flatnonzero(changes.any(axis=1)) + 1).tolist(), len(values)]
+        for start, stop in itertools.pairwise(starts):
+            which = str(start) if stop - start == 1 else f"{start} to {stop - 1}"
+            rows.append([label, type(group).__name__, which, *values[start].tolist(), also])
+    heads = *_STIFFNESSES.items(), *_PROPERTIES.values()
+    columns = columns_of_rows(rows, "group", "kind", "elements", *heads, "also")
     notes = ["EA, EIy, EIz, GJ: at zero strain, of beams about the axis through their nodes"]
     return make_table("Properties of elements", columns, notes)
 
 
-def _stiffnesses_of(group: Element) -> list[Float[np.ndarray, " n_elem"]]:
-    """Return EA, EIy, EIz, GJ, GAy, GAz of each element, NaN where a group does not have one."""
-    count = len(group.links)
-    names = (name for name, _ in (*_STIFFNESSES, *_SHEAR))
-    found: dict[str, Any] = dict.fromkeys(names, np.nan)
+def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
+    """Return `_STIFFNESSES` and `_PROPERTIES` of each element; NaN where a group does not have one.
+
+    Weights count only along an axis.
+    """
     section = group.section
-    beam = group if isinstance(group, BeamElement) else None
+    found: dict[str, Any] = {name: _number_or_nan(section, name) for name in _STIFFNESSES}
+    found |= {name: _number_or_nan(group, name) for name in _PROPERTIES}
+    if group.face is not None:
+        found["weight"] = np.nan
     if section is not None:
         matrix = np.asarray(section.stiffness(), float)
         found["EA"] = matrix[..., 0, 0]
-        if beam is not None:
+        if isinstance(beam := group, BeamElement):
             found["EIy"], found["EIz"] = matrix[..., 1, 1], matrix[..., 2, 2]
             given = beam.torsional_stiffness
             found["GJ"] = section.torsional_stiffness() if given is None else given
-    for name in ("GAy", "GAz"):
-        found[name] = _number_or_nan(section, name)
     stated = _number_or_nan(group, "axial_stiffness")
     found["EA"] = np.where(np.isnan(stated), found["EA"], stated)
-    straight = group if isinstance(group, Straight) else None
-    if straight is not None and straight.law is not None:
-        found["EA"] = np.asarray(straight.law.modulus, float) * np.asarray(straight.area, float)
-    return [np.broadcast_to(np.asarray(value, float), count) for value in found.values()]
+    if isinstance(bar := group, Straight) and bar.law is not None:
+        found["EA"] = np.asarray(bar.law.modulus, float) * np.asarray(bar.area, float)
+    count = len(group.links)
+    return np.stack([np.broadcast_to(np.asarray(x, float), count) for x in found.values()], axis=1)
 
 
 def _number_or_nan(thing, name):
@@ -152,22 +140,11 @@ def _number_or_nan(thing, name):
     return np.asarray(np.nan if value is None else value, float)
 
 
-def _stated_properties(group):
-    """Return the `_PROPERTIES` of each element, [n_elem] each; a weight only along an axis."""
-    count = len(group.links)
-    stated = {name: _number_or_nan(group, name) for name in _PROPERTIES}
-    if group.face is not None:
-        stated["weight"] = np.asarray(np.nan)
-    return [np.broadcast_to(values, count) for values in stated.values()]
-
-
 def _further_properties(group, units):
     """Return what else elements have, in words: fibres, laws, stiffness of springs; or None."""
-    parts = []
-    straight = group if isinstance(group, Straight) else None
-    if straight is not None and straight.law is not None:
-        parts.append(f"law {type(straight.law).__name__}")
-    section = group.section
+    parts, section = [], group.section
+    if isinstance(bar := group, Straight) and bar.law is not None:
+        parts.append(f"law {type(bar.law).__name__}")
     if section is not None and section.n_fibre:
         laws = dict.fromkeys(type(one).__name__ for one in section.laws)
         parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
@@ -175,8 +152,7 @@ def _further_properties(group, units):
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
     if group.hinges is not None:
         parts.append("hinges")
-    spring = group if isinstance(group, Springs | Bearings) else None
-    if spring is not None:
+    if isinstance(spring := group, Springs | Bearings):
         parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
 
@@ -195,8 +171,7 @@ def _phase_table(structure, phases, names, units):
         if presence is not None:
             lines += [("elements", text) for text in describe_activation(k, structure, presence)]
         rows += [(k + 1, name, *line) for line in lines]
-    texts = zip(("phase", "name", "what", "text"), zip(*rows, strict=True), strict=True)
-    columns = [Column(head, "", list(cells)) for head, cells in texts]
+    columns = columns_of_rows(rows, "phase", "name", "what", "text")
     notes = [
         "all that a phase states, applies, adds and removes acts together, ramped over its "
         "increments; loads go on acting in the phases after it",

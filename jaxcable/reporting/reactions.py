@@ -1,101 +1,25 @@
-"""The tables of a report on supports: reactions, and global equilibrium."""
+"""The tables of a report on supports: reactions, their envelope over cases, and by phase."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ..analysis.results import Results
-from ..analysis.solution import State
 from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
 from ..common.types import Bool, Float, Int
-from ..common.units import SI, Units
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
 from ..model.result_parts import named_groups_of, present_elements, values_per_group
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .columns import envelope_columns
-from .states import EnvelopeState
+from .states import EnvelopeState, ReportedAnalysis
 from .table import Column, Table, make_table
 
 _SKEW = 1e-9  # cosine between a fixed direction and an axis from which it has a component there
-
-
-def reaction_table(
-    structure: Structure,
-    state: State,
-    fixed: FixedDofs,
-    states: Mapping[str, EnvelopeState],
-    several: bool,
-    units: Units = SI,
-) -> Table:
-    """Return the table of reactions in the final state, and of the largest resultant at each node.
-
-    It has all nodes that are supported in the final state or in one of `states`, and then all
-    springs and bearings on the ground. A component in a direction that is not supported in the
-    final state has no value.
-
-    Args:
-        structure: `Structure`.
-        state: the final state.
-        fixed: degrees of freedom that supports fix in the final state.
-        states: the states of the envelope, by name.
-        several: whether the text shows the largest resultant.
-        units: `Units` of the numbers in the notes.
-    """
-    values, held = np.asarray(state.reactions, float), supported_components(structure, fixed)
-    others = [supported_components(structure, other.fixed) for other in states.values()]
-    ever = np.any([held, *others], axis=0)
-    with_moments = state.reaction_moments is not None and bool(ever[:, 3:].any())
-    if with_moments:
-        values = np.hstack([values, np.asarray(state.reaction_moments, float)])
-    # a skew support that has rotated with its node may push along other axes, too
-    held[:, : values.shape[1]] |= np.abs(values) > _rounding_limits(values)
-    nodes = np.flatnonzero(ever.any(axis=1))
-    parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes]
-    every = [np.asarray(other.result.reactions, float)[nodes] for other in states.values()]
-    ground = ground_rows(structure, state)
-    count = values.shape[1]
-    if len(ground.nodes):
-        count = max(count, 6 if np.isfinite(ground.values[:, 3:]).any() else 3)
-        parts = np.pad(parts, ((0, 0), (0, count - parts.shape[1])), constant_values=np.nan)
-        parts = np.vstack([parts, ground.values[:, :count]])
-        also = [ground_rows(structure, other.result).values for other in states.values()]
-        every = [np.vstack([a, b[:, :3]]) for a, b in zip(every, also, strict=True)]
-    # parts are NaN in a direction in which a spring does not act
-    forces = np.nan_to_num(parts[:, :3])
-    some = np.isfinite(parts[:, :3]).any(axis=1)
-    size = np.where(some, np.linalg.norm(forces, axis=1), np.nan)
-    sizes = np.array([np.linalg.norm(other, axis=1) for other in every])
-    sizes = sizes.reshape(len(every), len(parts))
-    largest, when = envelope_columns("largest R", "N", sizes, list(states), 1, heading="max. R")
-    columns = [
-        Column("node", "", np.concatenate([nodes, ground.nodes])),
-        *(Column(f"R{axis}", "N", part) for axis, part in zip("xyz", parts.T[:3], strict=True)),
-        Column("R", "N", size, governs=not states),
-        *(Column(f"M{axis}", "N m", part) for axis, part in zip("xyz", parts.T[3:], strict=False)),
-        largest._replace(governs=bool(states), detail=not several),
-        when._replace(detail=not several),
-    ]
-    if len(ground.nodes):
-        columns.insert(1, Column("by", "", ["support"] * len(nodes) + ground.names))
-    title = "Support reactions (on the structure)"
-    total = values[:, :3].sum(axis=0) + np.nan_to_num(ground.values[:, :3]).sum(axis=0)
-    sizes = np.vstack([np.abs(values[:, :3]), np.nan_to_num(np.abs(ground.values[:, :3]))])
-    total = units.from_si(zero_negligible(total, sizes.sum()), "N")
-    notes = [f"sum of the forces: {vector_text(total)} {units.name('N')}"]
-    if np.isnan(parts[:, :3]).any():
-        notes.append("blank: direction not supported in the final state")
-    return make_table(title, columns, notes)
-
-
-def total_reaction(structure: Structure, state: State | Results) -> Float[np.ndarray, " 3"]:
-    """Return the sum of all reactions of a state, those of springs on the ground too, N, [3]."""
-    forces = ground_rows(structure, state).values[:, :3]
-    # NaN only where a spring does not act or is not active: it adds nothing there
-    return np.asarray(state.reactions, float).sum(axis=0) + np.nansum(forces, axis=0)
+_COMPONENTS = {"Rx": "N", "Ry": "N", "Rz": "N", "Mx": "N m", "My": "N m", "Mz": "N m"}
 
 
 class GroundRows(NamedTuple):
@@ -109,7 +33,7 @@ class GroundRows(NamedTuple):
     values: Float[np.ndarray, "n 6"]
 
 
-def ground_rows(structure: Structure, state: State | Results) -> GroundRows:
+def ground_rows(structure: Structure, state: Results) -> GroundRows:
     """Return the `GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
     results, present = state.element_results, present_elements(structure, state.present)
     forces, moments = (
@@ -128,6 +52,69 @@ def ground_rows(structure: Structure, state: State | Results) -> GroundRows:
     return GroundRows(np.concatenate(nodes), names, np.concatenate(values))
 
 
+def total_reaction(structure: Structure, state: Results) -> Float[np.ndarray, " 3"]:
+    """Return the sum of all reactions of a state, those of springs on the ground too, N, [3]."""
+    forces = ground_rows(structure, state).values[:, :3]
+    # NaN only where a spring does not act or is not active: it adds nothing there
+    return np.asarray(state.reactions, float).sum(axis=0) + np.nansum(forces, axis=0)
+
+
+class _Reactions(NamedTuple):
+    """Reactions at all nodes that any of some states supports, then of all `GroundRows`.
+
+    Attributes:
+        nodes, names: of every place, [n]; the name is that of the spring, or "support".
+        on_ground: whether there are springs or bearings.
+        values: [n_state, n, 6], N and N m; NaN in a direction that is not supported in the state.
+    """
+
+    nodes: Int[np.ndarray, " n"]
+    names: list[str]
+    on_ground: bool
+    values: Float[np.ndarray, "n_state n 6"]
+
+    def name_columns(self, which: Int[np.ndarray, " m"]) -> list[Column]:
+        """Return the columns that name the places of some indices."""
+        columns = [Column("node", "", self.nodes[which])]
+        by = Column("by", "", [self.names[k] for k in which])
+        return [*columns, by] if self.on_ground else columns
+
+    def acts(self) -> Bool[np.ndarray, "n 6"]:
+        """Return whether each component at each place is in any state more than rounding."""
+        return (np.abs(self.values) > _rounding_limits(self.values)).any(axis=0)
+
+
+def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Reactions:
+    """Return the `_Reactions` in some states."""
+    ever, values = np.zeros(structure.n_node, bool), []
+    for result, fixed in states:
+        own = np.full((structure.n_node, 6), np.nan)
+        own[:, :3] = result.reactions
+        if result.reaction_moments is not None:
+            own[:, 3:] = result.reaction_moments
+        held = supported_components(structure, fixed)
+        ever |= held.any(axis=1)
+        # a skew support that has rotated with its node may push along other axes, too
+        held |= np.abs(own) > _rounding_limits(own)
+        values.append(np.where(held, own, np.nan))
+    nodes = np.flatnonzero(ever)
+    ground = [ground_rows(structure, state.result) for state in states]
+    pairs = zip(values, ground, strict=True)
+    return _Reactions(
+        np.concatenate([nodes, ground[0].nodes]),
+        ["support"] * len(nodes) + ground[0].names,
+        bool(ground[0].names),
+        np.array([np.vstack([own[nodes], rows.values]) for own, rows in pairs]),
+    )
+
+
+def _rounding_limits(values):
+    """Return the size up to which reactions [..., 6] are rounding errors, [6], N and N m."""
+    sizes = np.nan_to_num(np.abs(values))  # NaN: not supported, which is no reaction
+    force = sizes[..., :3].max(initial=0.0)
+    return NEGLIGIBLE * np.repeat([force, max(force, sizes[..., 3:].max(initial=0.0))], 3)
+
+
 def supported_components(structure: Structure, fixed: FixedDofs) -> Bool[np.ndarray, "n_node 6"]:
     """Return whether supports take forces (3) and moments (3) along x, y, z, [n_node, 6] bool."""
     held = np.zeros((structure.n_node, 6), bool)
@@ -141,50 +128,128 @@ def supported_components(structure: Structure, fixed: FixedDofs) -> Bool[np.ndar
     return np.hstack(parts)
 
 
-def _rounding_limits(values):
-    """Return the size up to which reactions are rounding errors, [3 or 6], N and N m.
+def reaction_table(of: ReportedAnalysis) -> Table:
+    """Return the table of reactions in the final state, and of the largest resultant at each node.
 
-    `values` are the reactions of all nodes, [n_node, 3 or 6].
+    It has all nodes that are supported in the final state or in one of the envelope, and then all
+    springs and bearings on the ground. A component in a direction that is not supported in the
+    final state has no value.
     """
-    force = np.abs(values[:, :3]).max(initial=0.0)
-    moment = max(np.abs(values[:, 3:]).max(initial=0.0), force)
-    return NEGLIGIBLE * np.array([force] * 3 + [moment] * 3)[: values.shape[1]]
+    every = _reactions_of(of.structure, [of.end, *of.envelope.values()])
+    final, names = every.values[0], list(of.envelope)
+    sizes = np.linalg.norm(np.nan_to_num(every.values[..., :3]), axis=-1)
+    some = np.isfinite(final[:, :3]).any(axis=1)
+    count = 6 if np.isfinite(every.values[..., 3:]).any() else 3
+    parts = [
+        Column(name, unit, values)
+        for (name, unit), values in zip(_COMPONENTS.items(), final.T[:count], strict=False)
+    ]
+    columns = [
+        *every.name_columns(np.arange(len(final))),
+        *parts[:3],
+        Column("R", "N", np.where(some, sizes[0], np.nan), governs=not names),
+        *parts[3:],
+        *envelope_columns(
+            *("largest R", "N", sizes[1:], names, 1),
+            hidden=() if of.several else ("largest R", "in"),
+            heading="max. R",
+            governs=bool(names),
+        ),
+    ]
+    size = np.nansum(np.abs(final[:, :3]))
+    total = zero_negligible(total_reaction(of.structure, of.state), size)
+    text = vector_text(of.units.from_si(total, "N"))
+    notes = [f"sum of the forces: {text} {of.units.name('N')}"]
+    if np.isnan(final[:, :3]).any():
+        notes.append("blank: direction not supported in the final state")
+    return make_table("Support reactions (on the structure)", columns, notes)
 
 
-def _forces_of_ground(structure, state):
-    """Return the forces of springs and bearings on all nodes, [n_node, 3], N; zero without any."""
-    total, ground = np.zeros((structure.n_node, 3)), ground_rows(structure, state)
-    np.add.at(total, ground.nodes, np.nan_to_num(ground.values[:, :3]))
-    return total
+def reaction_envelope_table(of: ReportedAnalysis) -> dict[str, Table]:
+    """Return the table ``reaction_envelope`` by name, or an empty dict without several cases.
+
+    It has two rows for each component of each support, spring or bearing on the ground that is ever
+    larger than rounding: the case in which it is smallest, and that in which it is largest, with
+    all components of this case: foundations are designed for all of them at once.
+    """
+    if of.cases is None or len(of.cases) < 2:
+        return {}
+    every = _reactions_of(of.structure, list(of.envelope.values()))
+    pairs = np.argwhere(every.acts())
+    if not len(pairs):
+        return {}
+    place, component = np.repeat(pairs, 2, axis=0).T
+    sign = np.tile([-1, 1], len(pairs))
+    chosen = every.values[:, place]  # [n_state, n_row, 6]
+    extreme = np.take_along_axis(chosen, component[None, :, None], axis=2)[..., 0]
+    used = np.isfinite(every.values).any(axis=(0, 1))
+    beside = [
+        (name, unit, chosen[..., k])
+        for k, (name, unit) in enumerate(_COMPONENTS.items())
+        if used[k]
+    ]
+    _, *others = envelope_columns("", "", sign * extreme, list(of.envelope), 1, beside)
+    names = list(_COMPONENTS)
+    words = [
+        f"{'min' if s < 0 else 'max'} {names[k]}" for s, k in zip(sign, component, strict=True)
+    ]
+    columns = [*every.name_columns(place), Column("extreme", "", words), *others]
+    title = "Smallest and largest reactions over all cases, with the other components"
+    return {"reaction_envelope": make_table(title, columns)}
 
 
-def equilibrium_table(structure: Structure, state: State, units: Units = SI) -> Table:
+def reactions_by_phase_table(structure: Structure, phases: Mapping[str, EnvelopeState]) -> Table:
+    """Return the table of reactions at the end of each phase by name, with their sums."""
+    every = _reactions_of(structure, list(phases.values()))
+    total = np.full((len(phases), 1, 6), np.nan)  # moments about different places have no sum
+    total[:, 0, :3] = [total_reaction(structure, end.result) for end in phases.values()]
+    pairs = zip(every.nodes.tolist(), every.names, strict=True)
+    places = [node if by == "support" else f"{node}, {by}" for node, by in pairs]
+    every = every._replace(values=np.hstack([every.values, total]))
+    acts = every.acts()
+    kept = np.flatnonzero(acts.any(axis=1))
+    columns = [
+        Column("node", "", [[*places, "sum"][k] for k in kept for _ in phases]),
+        Column("phase", "", [*phases] * len(kept)),
+        *(
+            Column(name, unit, every.values[:, kept, k].T.ravel() + 0.0)
+            for k, (name, unit) in enumerate(_COMPONENTS.items())
+            if k < 3 or acts[:, k].any()
+        ),
+    ]
+    notes = ["sum: of the forces on all supports, springs and bearings; blank: not supported then"]
+    return make_table("Reactions at the end of each phase (on the structure)", columns, notes)
+
+
+def equilibrium_table(of: ReportedAnalysis) -> Table:
     """Return the table of the sums of loads and reactions; its notes give the unbalanced force.
 
-    Reactions are those of supports, springs to the ground and bearings.
-
-    Moments about the origin are checked if all loads act at nodes.
+    Reactions are those of supports, springs to the ground and bearings. Moments about the origin
+    are checked if all loads act at nodes.
     """
-    load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
-    reactions = reactions + _forces_of_ground(structure, state)
+    structure, state, units = of.structure, of.state, of.units
+    load, reactions = np.asarray(state.load, float), np.array(state.reactions, float)
+    ground = ground_rows(structure, state)
+    np.add.at(reactions, ground.nodes, np.nan_to_num(ground.values[:, :3]))
     sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])
-    labels = ["loads", "reactions", "sum of forces"]
-    columns = [Column("of", "", labels, heading=" ")]
+    columns = [Column("of", "", ["loads", "reactions", "sum of forces"], heading=" ")]
     columns += [Column(axis, "N", part) for axis, part in zip("xyz", sums, strict=True)]
     size = np.abs(load).sum() + np.abs(reactions).sum()
+
+    def note(what, error, unit, beside, reference):
+        relative = error / reference if size else 0.0
+        return f"{what}: {units.text(error, unit, '.1e')} (relative to {beside}: {relative:.1e})"
+
     error = np.abs((load + reactions).sum(0)).max()
-    relative = error / size if size else 0.0
-    force = units.text(error, "N", ".1e")
-    notes = [f"unbalanced force: {force} (relative to the sum of all forces: {relative:.1e})"]
+    notes = [note("unbalanced force", error, "N", "the sum of all forces", size)]
     if not any(group.shaped_by_load and not group.slides for group in structure.groups):
         moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
-        span = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
-        error = np.abs(moment).max()
-        relative = error / (size * span) if size else 0.0
-        notes.append(
-            f"unbalanced moment about the origin: {units.text(error, 'N m', '.1e')} (relative to "
-            f"the sum of all forces times the extent: {relative:.1e})"
+        extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
+        what, beside = (
+            "unbalanced moment about the origin",
+            "the sum of all forces times the extent",
         )
+        notes.append(note(what, np.abs(moment).max(), "N m", beside, size * extent))
     else:
         notes.append("moment equilibrium not checked (beams or catenaries carry line loads)")
     return make_table("Global equilibrium", columns, notes)

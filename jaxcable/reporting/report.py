@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import checks as arguments
-from ..common import status
 from ..common.units import SI, UnitsLike, as_units
 from ..design.checks import Checks
 from ..design.combinations import Combinations
@@ -17,30 +17,41 @@ from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
-from .case_notes import with_case_notes
 from .check_tables import check_sentences, check_tables
 from .combination_table import action_table, combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
     large_displacement_sentence,
     phase_index,
+    rotation_tables,
     tables_since,
+    tilt_tables,
 )
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
 from .model_tables import model_tables
 from .phase_tables import phase_tables
-from .reaction_envelope import reaction_envelope_table
-from .reactions import equilibrium_table, reaction_table, total_reaction
+from .reactions import (
+    equilibrium_table,
+    reaction_envelope_table,
+    reaction_table,
+    total_reaction,
+)
 from .result_report import Report
-from .rotations import rotation_tables
 from .section_forces import section_force_tables
 from .slackness import slackness_tables
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
 from .table import table_in_units, tables_without_noise
+
+# Which numbers of a table over cases are of the state before them, and which are envelopes; tables
+# that have a row for each case, whether it governs or not, need no such note.
+_FINAL = "equilibrium", "stresses", "cutting_list", "cables", "surfaces"
+_ENVELOPES = "groups", "reaction_envelope", "displacement_envelope", "stress_envelope"
+_BOTH = "reactions", "members", "tilts", "sags", "results", "N", "Vy", "Vz", "T", "My", "Mz"
+_OF_EACH_CASE = "displacements", "displacements_since", "rotations"
 
 
 def report(
@@ -141,8 +152,7 @@ def report(
         stored 0.9779 0.3574 J
         imbalance 0.0000 0.0003 J
     """
-    shown_or_none = None if units is None else as_units(units)
-    shown = shown_or_none or SI
+    shown = None if units is None else as_units(units)
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     own_names = names if cases is None else None
@@ -156,60 +166,81 @@ def report(
     if combinations is not None:
         names = _names_of_combinations(combinations, cases, names)
     labels = states.check_phase_names(solution, own_names)
-    if cases is None:
-        good = None
-        envelope, failed = states.converged_phases(solution, own_names)
-    else:
+    ends, failed = states.converged_phases(solution, labels)
+    of = states.ReportedAnalysis(structure, solution, ends, None, labels, shown or SI)
+    if cases is not None:
         good, failed = states.converged_cases(cases, names)
-        envelope = states.envelope_states_of_cases(good)
+        of = of._replace(envelope=states.envelope_states_of_cases(good), cases=good)
     heads = [f"phase {k}" for k in range(1, len(labels) + 1)]
     if own_names is not None:
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
     summary = summary_sentences(structure, solution, heads, failed)
     if has_no_result(solution):
-        return _finish_report(solution, summary, {}, shown_or_none)
+        return _finish_report(solution, summary, {}, shown)
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
-    tables = _make_tables(structure, solution, envelope, good, labels, shown, chains)
-    if cases is not None:
-        tables = with_case_notes(tables, len(envelope))
-    ends = states.converged_phases(solution, own_names)[0]
-    tables |= phase_tables(structure, solution, ends, cases is not None)
+    tables = _make_tables(of, chains) | phase_tables(of, ends)
     if since is not None:
         begin = phase_index(since, labels)
-        more = tables_since(structure, solution, envelope, good, begin, heads[begin])
+        more = tables_since(of, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
     if checks is not None:
         summary, tables = _with_checks(summary, tables, checks)
     if combinations is not None:
-        unstable = [name for name, case in good.items() if not bool(case.stable)]
-        summary += combination_sentences(combinations, failed, unstable)
-        named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
-        sums = {name: total_reaction(structure, case.last) for name, case in good.items()}
-        table = combination_table(combinations, failed, unstable, named, sums)
-        tables = {"actions": action_table(combinations, shown), "combinations": table, **tables}
+        summary, tables = _with_combinations(summary, tables, combinations, of, failed)
     if model:
-        tables = {**model_tables(structure, listed, labels, shown_or_none), **tables}
-    findings = (
-        exceeded_strength_sentence(tables["members"]),
-        large_displacement_sentence(structure, solution, shown),
-    )
+        tables = {**model_tables(structure, listed, labels, shown), **tables}
+    findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
-        tables["energy"] = energy_table(
-            structure,
-            solution,
-            listed,
-            None if energy is True else energy,  # type: ignore[arg-type]  # not False here
-            own_names,
-            units=shown,
-        )
-    return _finish_report(solution, summary, tables, shown_or_none)
+        start = None if energy is True else energy
+        tables["energy"] = energy_table(of, listed, start, own_names)  # type: ignore[arg-type]
+    return _finish_report(solution, summary, tables, shown)
 
 
-_OF_EACH_CASE = ("displacements", "displacements_since", "rotations")
-"""Tables that have rows of every case, whether it governs or not."""
+def _make_tables(of, chains):
+    """Return the tables of a `Report` on results by name, a dict of `Table`, with notes on cases.
+
+    `of` is the `ReportedAnalysis`, `chains` as for `report`.
+    """
+    forces = axial_force_table(of)
+    tables = {
+        **group_tables(forces),
+        "reactions": reaction_table(of),
+        **reaction_envelope_table(of),
+        "equilibrium": equilibrium_table(of),
+        "members": forces,
+        **displacement_tables(of),
+        **rotation_tables(of),
+        **tilt_tables(of),
+        **sag_tables(of, chains),
+        **section_force_tables(of),
+        **stress_tables(of),
+        "cutting_list": cutting_list_table(of),
+        **cable_tables(of),
+        **surface_tables(of),
+        **slackness_tables(of),
+        **element_result_tables(of),
+    }
+    if of.cases is None:
+        return tables
+    cases = f"over {len(of.cases)} case" + "s" * (len(of.cases) != 1)
+    final = "final state of the phases, before the cases, without their loads and factors"
+    notes = {
+        **dict.fromkeys(_FINAL, f"of the {final}"),
+        **dict.fromkeys(_ENVELOPES, f"envelope {cases}"),
+        **dict.fromkeys(
+            _BOTH,
+            f"with a case beside it, or min. or max.: envelope {cases}; other numbers: {final}",
+        ),
+    }
+    return {
+        name: dataclasses.replace(table, notes=(*table.notes, notes[name]))
+        if name in notes
+        else table
+        for name, table in tables.items()
+    }
 
 
 def _with_checks(summary, tables, checks):
@@ -219,6 +250,18 @@ def _with_checks(summary, tables, checks):
         raise ValueError(f"checks: expected Checks, got {kind}")
     summary = [summary[0], *check_sentences(checks), *summary[1:]]  # behind the status
     return summary, {**check_tables(checks), **tables}
+
+
+def _with_combinations(summary, tables, combinations, of, failed):
+    """Return sentences and tables with those of combinations, of which some cases have `failed`."""
+    unstable = [name for name, case in of.cases.items() if not bool(case.stable)]
+    named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
+    sums = {name: total_reaction(of.structure, case.last) for name, case in of.cases.items()}
+    own = {
+        "actions": action_table(combinations, of.units),
+        "combinations": combination_table(combinations, failed, unstable, named, sums),
+    }
+    return summary + combination_sentences(combinations, failed, unstable), {**own, **tables}
 
 
 def _names_of_combinations(combinations, cases, names):
@@ -259,47 +302,7 @@ def _checked_phase_list(phases, solution):
 
 def _insert_after(name, tables, more):
     """Return tables by name with further ones behind the table `name` and its envelope."""
-    found, behind = {}, {name, name.removesuffix("s") + "_envelope"} & set(tables)
-    for key, table in tables.items():
-        found[key] = table
-        behind.discard(key)
-        if not behind:
-            found |= {k: v for k, v in more.items() if k not in found}
-    return found | more
-
-
-def _make_tables(structure, solution, envelope, cases, labels, units, chains):
-    """Return the tables of a `Report` by name, a dict of `Table`, without that of the energy.
-
-    Args:
-        structure, solution: as for `report`.
-        envelope: states of which the envelopes take extremes, `EnvelopeState` by name: the ends
-            of the converged phases, or of the converged cases.
-        cases: `Solution` of every converged case, by name; None for envelopes over phases.
-        labels: names of all phases, as in tables.
-        units: `Units` of numbers in notes; tables are in SI units.
-        chains: as for `report`.
-    """
-    state, end = solution.last, states.last_state(solution)
-    ended = cases is None and int(solution.status) == status.OK  # the end is that of the last phase
-    every = envelope if ended else {"end": end, **envelope}
-    several = len(every) > 1
-    kind = "ends of phases" if cases is None else "cases"
-    forces = axial_force_table(structure, state, envelope, several)
-    return {
-        **group_tables(forces),
-        "reactions": reaction_table(structure, state, end.fixed, envelope, several, units),
-        **reaction_envelope_table(structure, {} if cases is None else envelope),
-        "equilibrium": equilibrium_table(structure, state, units),
-        "members": forces,
-        **displacement_tables(structure, solution, envelope, cases is not None),
-        **rotation_tables(structure, state, envelope, several, cases is not None),
-        **sag_tables(structure, state, envelope, several, chains),
-        **section_force_tables(structure, end, envelope if several else {}, kind),
-        **stress_tables(structure, solution, cases, labels),
-        "cutting_list": cutting_list_table(structure, solution, units),
-        **cable_tables(structure, solution),
-        **surface_tables(structure, state),
-        **slackness_tables(structure, every),
-        **element_result_tables(structure, state, envelope, several),
-    }
+    before = [key for key in tables if key in (name, name.removesuffix("s") + "_envelope")]
+    keys = list(tables)
+    first = keys[: keys.index(before[-1]) + 1] if before else keys
+    return {key: tables[key] for key in first} | more | tables

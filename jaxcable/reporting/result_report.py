@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
+import math
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
@@ -14,17 +15,15 @@ from ..common import checks
 from ..common.units import SI, Units
 from ..common.writing import atomic_write_together
 from ..files.results import format_csv
-from .document import Heading, make_document
-from .spreadsheet import import_xlsxwriter, workbook_bytes
-from .table import Table, common_scales, csv_header, finite_or_none, table_text
-from .typesetting import import_typst, pdf_bytes
+from .document import Heading, import_library, make_document
+from .plain_text import table_text
+from .spreadsheet import workbook_bytes
+from .table import Table, common_scales, csv_header
+from .typesetting import pdf_bytes
 from .web_page import page_text
 
-_MOST = 1000
-"""Number of rows of a table that PDF and HTML show: 15 pages of a report."""
-_LONG = 30
-"""Number of rows of a table up to which its text shows all of them: half a printed page."""
-
+_MOST = 1000  # rows of a table that PDF and HTML show: 15 pages of a report
+_LONG = 30  # rows of a table up to which its text shows all of them: half a printed page
 
 SUFFIXES = (".txt", ".json", ".csv", ".xlsx", ".pdf", ".html", ".htm")
 """Suffixes of names of files that `Report.save` writes."""
@@ -32,11 +31,10 @@ SUFFIXES = (".txt", ".json", ".csv", ".xlsx", ".pdf", ".html", ".htm")
 
 def require_writer(path: str | PathLike[str]) -> None:
     """Raise ValueError if a report cannot be written: another suffix, or a missing library."""
-    kind = _kind_of_file(Path(path))
-    if kind == ".xlsx":
-        import_xlsxwriter()
-    elif kind == ".pdf":
-        import_typst()
+    libraries = {".xlsx": ("xlsxwriter", "XLSX"), ".pdf": ("typst", "PDF")}
+    needed = libraries.get(_kind_of_file(Path(path)))
+    if needed is not None:
+        import_library(*needed)
 
 
 def _kind_of_file(path):
@@ -46,6 +44,11 @@ def _kind_of_file(path):
         known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
         raise ValueError(f"path = {str(path)!r}: expected a name with {known}")
     return kind
+
+
+def _finite_or_none(value):
+    """Return a value for JSON: None for a number that is not finite, others as they are."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +136,7 @@ class Report:
         """Return everything as dicts, lists, numbers and texts, ready for JSON."""
         tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
         for table in tables.values():
-            table["rows"] = [[finite_or_none(value) for value in row] for row in table["rows"]]
+            table["rows"] = [[_finite_or_none(value) for value in row] for row in table["rows"]]
         stated = {} if self.units is None else {"units": self.units.as_dict()}
         return {"status": self.status, **stated, "summary": list(self.summary), "tables": tables}
 
@@ -202,8 +205,8 @@ class Report:
         elif kind == ".txt":
             content = {path: self.text(rows=10**9 if rows is None else rows)}
         elif kind == ".xlsx":
-            units = str(self.units or "SI")
-            content = {path: workbook_bytes(self.summary, self.tables, units, heading)}
+            facts = heading.facts(self.units or "SI")
+            content = {path: workbook_bytes(self.summary, self.tables, heading, facts)}
         else:
             require_writer(path)
             found = make_document(

@@ -2,77 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from ..model.result_parts import named_groups_of, present_elements, slack_elements, values_per_group
-from ..model.structure import Structure
 from .columns import states_heading
-from .states import EnvelopeState
-from .table import Column, Table, make_table
+from .states import ReportedAnalysis
+from .table import Table, columns_of_rows, make_table
 
 
-def slackness_tables(structure: Structure, states: Mapping[str, EnvelopeState]) -> dict[str, Table]:
-    """Return the tables "slack" and "loose" as a dict, without those that would be empty."""
-    found = {
-        "slack": _slack_cable_table(structure, states),
-        "loose": _loose_node_table(structure, states),
-    }
-    return {name: table for name, table in found.items() if table.rows}
+def slackness_tables(of: ReportedAnalysis) -> dict[str, Table]:
+    """Return the tables "slack" and "loose" as a dict, without those that would be empty.
 
-
-def _slack_cable_table(structure, states):
-    """Return the table of the cables without tension, and of the states in which they are slack.
-
-    It has the open contacts and bearings, too, if the structure has such elements.
+    The first has the cables without tension, and open contacts and bearings, with the states in
+    which they are slack; the second the nodes that only slack elements hold. Pinned nodes, and
+    inactive nodes of construction stages, do not count.
     """
-    found: dict[tuple[str, int], list[str]] = {}
-    for name, (state, _) in states.items():
-        for label, _, _, slack in _cable_groups(structure, state):
-            for k in np.flatnonzero(slack):
-                found.setdefault((label, int(k)), []).append(name)
-    columns = [Column("group", "", [label for label, _ in found])]
-    columns += [Column("element", "", [k for _, k in found]), _states_column(found)]
-    return make_table(_slack_words(structure).capitalize(), columns)
-
-
-def _loose_node_table(structure, states):
-    """Return the table of nodes that only slack elements hold, with the states where this is so.
-
-    Pinned nodes, and inactive nodes of construction stages, do not count.
-    """
-    found: dict[int, list[str]] = {}
-    for name, (state, fixed) in states.items():
+    structure = of.structure
+    slack_in: dict[tuple[Any, ...], list[str]] = {}
+    loose_in: dict[tuple[Any, ...], list[str]] = {}
+    for name, (state, fixed) in of.every.items():
         held = np.array(fixed.array[: structure.n_node, :3].all(axis=1))
         attached = np.zeros(structure.n_node, bool)
-        for _, links, present, slack in _cable_groups(structure, state):
+        tensions = values_per_group(structure, state.tension)
+        masks = present_elements(structure, state.present)
+        for (label, group), force, present in zip(
+            named_groups_of(structure), tensions, masks, strict=True
+        ):
+            slack, links = slack_elements(group, force, present), group.links.array
             attached[links[present]] = True
             held[links[present & ~slack]] = True
+            for k in np.flatnonzero(slack):
+                slack_in.setdefault((label, int(k)), []).append(name)
         for k in np.flatnonzero(~held & attached):
-            found.setdefault(int(k), []).append(name)
-    columns = [Column("node", "", list(found)), _states_column(found)]
-    return make_table(f"Nodes attached to {_slack_words(structure)} only", columns)
-
-
-def _slack_words(structure):
-    """Return what the slack elements of a structure are called in titles."""
+            loose_in.setdefault((int(k),), []).append(name)
+    words = "slack cables"
     if any(group.compression_only for group in structure.groups):
-        return "slack cables, open contacts"
-    return "slack cables"
-
-
-def _cable_groups(structure, state):
-    """Generate for every group its name, its links, and which elements are active and slack."""
-    parts = values_per_group(structure, state.tension), present_elements(structure, state.present)
-    for (label, group), force, present in zip(named_groups_of(structure), *parts, strict=True):
-        yield label, group.links.array, present, slack_elements(group, force, present)
-
-
-def _states_column(found):
-    """Return the column "in", which lists for each row the names of states.
-
-    `found` is a dict from node or element, a row each, to the names of the states.
-    """
-    heading = states_heading([name for names in found.values() for name in names])
-    return Column("in", "", [", ".join(names) for names in found.values()], heading=heading)
+        words = "slack cables, open contacts"
+    parts = (
+        ("slack", words.capitalize(), ("group", "element"), slack_in),
+        ("loose", f"Nodes attached to {words} only", ("node",), loose_in),
+    )
+    tables = {}
+    for key, title, names, found in parts:
+        heading = states_heading([name for names in found.values() for name in names])
+        rows = [(*place, ", ".join(states)) for place, states in found.items()]
+        if rows:
+            columns = columns_of_rows(rows, *names, ("in", "", heading))
+            tables[key] = make_table(title, columns)
+    return tables

@@ -1,16 +1,19 @@
-"""The states that count in the envelopes of a report: ends of phases, or cases."""
+"""What a report is on: an analysis, and the states that count in envelopes (phases, or cases)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from ..analysis.results import Results
-from ..analysis.solution import Solution
+from ..analysis.element_shapes import StateOrPhase
+from ..analysis.solution import Solution, State
 from ..common import status
+from ..common.types import Float
+from ..common.units import SI, Units
+from ..model.structure import Structure
 from ..model.supports import FixedDofs
 
 
@@ -22,13 +25,68 @@ class EnvelopeState(NamedTuple):
         fixed: degrees of freedom that supports fix in this state.
     """
 
-    result: Results
+    result: StateOrPhase
     fixed: FixedDofs
 
 
-def last_state(solution: Solution) -> EnvelopeState:
-    """Return the last converged state of an analysis as an `EnvelopeState`."""
-    return EnvelopeState(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
+class ReportedAnalysis(NamedTuple):
+    """What the tables of a report are on.
+
+    Attributes:
+        structure, solution: of the analysis.
+        envelope: states of which envelopes take extremes, by name: the ends of the converged
+            phases, or of the converged cases.
+        cases: `Solution` of every converged case, by name; None for envelopes over phases.
+        phase_names: names of all phases.
+        units: `Units` of numbers in notes; tables are in SI units.
+    """
+
+    structure: Structure
+    solution: Solution
+    envelope: Mapping[str, EnvelopeState]
+    cases: Mapping[str, Solution] | None
+    phase_names: Sequence[str]
+    units: Units = SI
+
+    @property
+    def state(self) -> State:
+        """The final state, which is the last converged one."""
+        return self.solution.last
+
+    @property
+    def end(self) -> EnvelopeState:
+        """The final state with the degrees of freedom that supports fix there."""
+        last = self.solution.last
+        return EnvelopeState(last, last.fixed[int(last.phase) + 1])
+
+    @property
+    def every(self) -> Mapping[str, EnvelopeState]:
+        """The states of the envelope, and the final one if it is none of them, as "end"."""
+        is_last_phase = self.cases is None and int(self.solution.status) == status.OK
+        return self.envelope if is_last_phase else {"end": self.end, **self.envelope}
+
+    @property
+    def several(self) -> bool:
+        """Whether an envelope says more than the final state."""
+        return len(self.every) > 1
+
+    @property
+    def kind(self) -> str:
+        """What the states of the envelope are: "phase" or "case"."""
+        return "phase" if self.cases is None else "case"
+
+    @property
+    def ends(self) -> str:
+        """The states of the envelope in words."""
+        return "ends of phases" if self.cases is None else "cases"
+
+    def values(
+        self, function: Callable[[StateOrPhase], Float[np.ndarray, " n"]]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n_state n"]]:
+        """Return a quantity in the final state, [n], and in those of the envelope, [n_state, n]."""
+        final = function(self.state)
+        each = [function(state.result) for state in self.envelope.values()]
+        return final, np.array(each).reshape(len(each), len(final))
 
 
 def check_phase_names(solution: Solution, names: Sequence[str] | None) -> list[str]:
@@ -41,17 +99,12 @@ def check_phase_names(solution: Solution, names: Sequence[str] | None) -> list[s
 
 
 def converged_phases(
-    solution: Solution, names: Sequence[str] | None
+    solution: Solution, names: Sequence[str]
 ) -> tuple[dict[str, EnvelopeState], dict[str, int]]:
-    """Return the ends of the converged phases, and the status codes of the others, by name.
-
-    Raises:
-        ValueError: a wrong number of names, or a name that occurs twice.
-    """
-    names, phases = check_phase_names(solution, names), list(solution.phases)
-    codes = [int(phase.status) for phase in phases]
-    ends = [EnvelopeState(phase, solution.last.fixed[k]) for k, phase in enumerate(phases, 1)]
-    return _separate_failed(names, codes, ends)
+    """Return the ends of the converged phases, and the status codes of the others, by name."""
+    codes = [int(phase.status) for phase in solution.phases]
+    pairs = zip(solution.phases, solution.last.fixed[1:], strict=True)
+    return _separate_failed(names, codes, [EnvelopeState(*pair) for pair in pairs])
 
 
 def converged_cases(
@@ -77,13 +130,9 @@ def converged_cases(
 
 def _separate_failed(names, codes, results):
     """Return the results with status OK, and the status codes of the others: two dicts by name."""
-    good, failed = {}, {}
-    for name, code, result in zip(names, codes, results, strict=True):
-        if code == status.OK:
-            good[name] = result
-        else:
-            failed[name] = code
-    return good, failed
+    every = list(zip(names, codes, results, strict=True))
+    good = {name: result for name, code, result in every if code == status.OK}
+    return good, {name: code for name, code, _ in every if code != status.OK}
 
 
 def _checked_names(names, count, kind, first):
