@@ -56,8 +56,11 @@ def net_study():
 @contextlib.contextmanager
 def cluster(workers, threads=1):
     """The client of a cluster of this machine."""
+    import dask
     from distributed import Client, LocalCluster
 
+    # a killed worker may start for longer than the 15 s after which it is taken for lost
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "300 s"})
     options = {"dashboard_address": None, "silence_logs": 50}
     with (
         LocalCluster(n_workers=workers, threads_per_worker=threads, **options) as found,

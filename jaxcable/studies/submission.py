@@ -8,7 +8,7 @@ import itertools
 import math
 import queue
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias
 
 from ..common.fusion import are_loops_fused, usable_cores
@@ -18,7 +18,7 @@ from .task import ChunkTask
 _SECONDS_TO_STOP = 0.2  # after which it is asked again whether to stop
 _SECONDS_TO_LOOK = 1.0  # after which it is asked again how many workers there are
 
-Ended: TypeAlias = "Iterator[tuple[int, BaseException | None]]"
+Ended: TypeAlias = "Generator[tuple[int, BaseException | None], None, None]"
 """Numbers of chunks that have ended, and the exceptions of those that are not written."""
 Stop: TypeAlias = Callable[[], bool]
 """Tells whether no further chunk shall begin."""
