@@ -92,11 +92,10 @@ def unit_in_description(text: str) -> str | None:
             head = head.partition(end)[0]
         if head[:1].isalnum() and is_unit(head):
             return head
-        told = {"without unit": "-", "in the unit of what is stated": OF_STATEMENT}
-        if places := [
-            (clause.find(words), unit) for words, unit in told.items() if words in clause
-        ]:
-            return min(places)[1]
+        if "without unit" in clause:
+            return "-"
+        if "in the unit of what is stated" in clause:
+            return OF_STATEMENT
     return None
 
 
@@ -116,11 +115,9 @@ def _field_units(cls, classes):
     described: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):  # inherited fields are described there
         described |= field_descriptions(base, dict(classes))
-    if getattr(cls, "face", None) is not None and "weight" not in field_descriptions(
-        cls, dict(classes)
-    ):
-        # of faces it is per area, of what they derive from per length
-        described.pop("weight", None)
+    own = field_descriptions(cls, dict(classes))
+    if getattr(cls, "face", None) is not None and "weight" not in own:
+        described.pop("weight", None)  # of faces it is per area, of their bases per length
     units = {name: unit_in_description(text) for name, text in described.items()}
     return {name: unit for name, unit in units.items() if unit is not None}
 
