@@ -118,8 +118,7 @@ def prepare(
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
     statements = [
-        _statements_with_jacks(structure, phase, f"phases[{earlier + k}].")
-        for k, phase in enumerate(phases)
+        phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
     ]
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
@@ -147,7 +146,9 @@ def prepare(
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stack_statements(statements, bundles),
+        statements=stack_statements(
+            [_with_jacks(structure, of_phase) for of_phase in statements], bundles
+        ),
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,
@@ -194,11 +195,11 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
             phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
 
 
-def _statements_with_jacks(structure, phase, where):
-    """Return the prestress of a phase by group; an end tension of a straight element is a jack."""
+def _with_jacks(structure, statements):
+    """Return `statements` by group; an end tension of a straight element becomes that of a jack."""
     return [
         own if isinstance(group, Sagging) else end_tension_as_jack(own)
-        for group, own in zip(structure.groups, phase.statements(structure, where), strict=True)
+        for group, own in zip(structure.groups, statements, strict=True)
     ]
 
 
