@@ -268,7 +268,6 @@ def test_a_path_that_ends_is_lost():
 # --- cables
 
 
-@pytest.mark.slow
 def test_slackening_and_tightening_between_two_cables():
     """A node between two plumb cables, one above and one below."""
     nodes = [[0, 0, 1.0], [0, 0, 0], [0, 0, -1.0]]
