@@ -68,7 +68,8 @@ class Schedule:
 
     def complete(self, phase: PhaseData) -> PhaseData:
         """Return one of `phases` with its whole `dof_map`, and that of the phase before."""
-        changes, before = phase.dof_map, phase.dof_map_before
+        changes: Any = phase.dof_map  # in `phases` it is a dict or None, as is the one before
+        before: Any = phase.dof_map_before
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
         was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
         return copy_with(phase, dof_map=dof_map, dof_map_before=was)

@@ -42,7 +42,7 @@ class LastConvergedIncrement:
     @classmethod
     def before_first(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
         """Return the value before the first increment: number -1, load factor 0."""
-        held = schedule.phases.dof_map_before or {}
+        held: Any = schedule.phases.dof_map_before or {}
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 

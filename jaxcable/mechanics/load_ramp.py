@@ -77,8 +77,8 @@ class PhaseData:
     statements: list[dict[str, StatedValues]]
     added_load: NodalIncrement | None
     moved: NodalIncrement | None
-    dof_map: Any
-    dof_map_before: Any
+    dof_map: DofMap
+    dof_map_before: DofMap | None
     present: activation.Present | None = None
     attached: Bool[ArrayLike, ""] | None = None
 
