@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,12 +26,14 @@ def set_node_numbers(load: Any, name: str) -> None:
 
 
 def set_vectors(load: Any, names: Sequence[str], count: int, hint: str) -> None:
-    """Convert fields `names` of a load to floats, [3] or [count, 3]; None stays None.
+    """Convert fields `names` of a load to floats, [3] or [count, 3]; a None by default may stay.
 
     Raises ValueError for other shapes, with `hint` at the end of its message.
     """
+    defaults = {field.name: field.default for field in dataclasses.fields(load)}
     for name in names:
-        if (value := getattr(load, name)) is not None:
+        value = getattr(load, name)
+        if value is not None or defaults[name] is not None:
             vectors = checks.floats_of_shape(value, name, (3,), (count, 3), hint=hint)
             set_fields(load, **{name: vectors})
 
