@@ -152,7 +152,7 @@ def prepare(
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,  # type: ignore[arg-type]  # fields of it, see `Schedule`
-        dof_map_before=before,  # type: ignore[arg-type]
+        dof_map_before=before,  # type: ignore[arg-type]  # likewise
         present=present,
         attached=attached,
     )

@@ -43,7 +43,7 @@ def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]
     text = inspect.getdoc(cls) or ""
     like = " ".join(text.split()).partition(_LIKE)[2].partition("`")[0]
     found = field_descriptions(classes[like], classes) if like in classes else {}
-    for names, words in _entries(text):
+    for names, words in _described_fields(text):
         for name in names:
             told = _resolve_reference(name, words, classes)
             told = _TUPLE.sub(r"[\2]", _WORD.sub(lambda word: _WORDS[word[0]], told))
@@ -51,7 +51,7 @@ def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]
     return found
 
 
-def _entries(text: str) -> Iterator[tuple[list[str], str]]:
+def _described_fields(text: str) -> Iterator[tuple[list[str], str]]:
     """Yield the names of fields in each entry of a docstring, and its words on one line."""
     names: list[str] = []
     words: list[str] = []

@@ -122,7 +122,7 @@ def _tables_of(
                 millimeters=True,
                 governs=name == "max u",
             )
-        title = f"Envelope of displacements {where}, over all {of.ends}"
+        title = f"Envelope of displacements {where}, over all {of.name_of_states}"
         tables["displacement_envelope"] = make_table(title, columns)
     return tables
 

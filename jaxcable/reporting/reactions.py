@@ -137,6 +137,7 @@ def reaction_table(of: ReportedAnalysis) -> Table:
     """
     every = _reactions_of(of.structure, [of.end, *of.envelope.values()])
     final, names = every.values[0], list(of.envelope)
+    # a component is NaN where nothing holds a node: it adds nothing to the size
     sizes = np.linalg.norm(np.nan_to_num(every.values[..., :3]), axis=-1)
     some = np.isfinite(final[:, :3]).any(axis=1)
     count = 6 if np.isfinite(every.values[..., 3:]).any() else 3
@@ -230,6 +231,7 @@ def equilibrium_table(of: ReportedAnalysis) -> Table:
     structure, state, units = of.structure, of.state, of.units
     load, reactions = np.asarray(state.load, float), np.array(state.reactions, float)
     ground = ground_rows(structure, state)
+    # NaN in directions in which a spring does not act
     np.add.at(reactions, ground.nodes, np.nan_to_num(ground.values[:, :3]))
     sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])
     columns = [Column("of", "", ["loads", "reactions", "sum of forces"], heading=" ")]

@@ -194,7 +194,7 @@ def report(
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
-        start = None if energy is True else energy
+        start = None if energy is True else energy  # not False here
         tables["energy"] = energy_table(of, listed, start, own_names)  # type: ignore[arg-type]
     return _finish_report(solution, summary, tables, shown)
 

@@ -98,7 +98,8 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
         first, notes = next(iter(tables)), list(_NOTES)
         if states:
             notes.append(
-                f"min, max: along the element in the final state; envelope: over all {of.ends}"
+                "min, max: along the element in the final state; envelope: over all "
+                f"{of.name_of_states}"
             )
         if zero:
             notes.append(f"{', '.join(zero)}: zero everywhere")

@@ -76,7 +76,7 @@ class ReportedAnalysis(NamedTuple):
         return "phase" if self.cases is None else "case"
 
     @property
-    def ends(self) -> str:
+    def name_of_states(self) -> str:
         """The states of the envelope in words."""
         return "ends of phases" if self.cases is None else "cases"
 
