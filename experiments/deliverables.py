@@ -1,7 +1,7 @@
 """How long does an office wait for its first report, from an empty process to the PDF?
 
 Question   Seconds that the pages docs/how-to/checks.md (a guyed mast) and report.md (a footbridge
-           in stages) take, each in a new process without kept programs, up to the PDF: stages,
+           in stages) take, each in a new process, up to the PDF: stages,
            combinations, checks, pictures. How do the pages of these reports look?
 Reference  None: times, with the machine; pages to look at.
 Error      None.

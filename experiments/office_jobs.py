@@ -1,6 +1,6 @@
 """How long do seven jobs of an office take, each from an empty process to its last result?
 
-Question   Seconds of whole processes, without kept programs: a footbridge built in stages and
+Question   Seconds of whole processes: a footbridge built in stages and
            levelled, a guyed mast under eight winds and to failure, a spoked wheel with spokes cut
            inexactly, a net roof from its form to its report, a line of catenaries, a study of
            pretensions, and seven commands of the command line.

@@ -47,7 +47,6 @@ from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
 from .common.compilation import forget_programs
 from .common.fusion import fuse_loops
-from .common.kept_programs import keep_programs
 from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace
@@ -155,7 +154,6 @@ __all__ = [
     "forms",
     "fuse_loops",
     "influence",
-    "keep_programs",
     "load_scene",
     "loads",
     "materials",

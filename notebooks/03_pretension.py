@@ -38,7 +38,6 @@ from scipy import optimize
 
 import jaxcable as jc
 
-_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

@@ -37,7 +37,6 @@ import numpy as np
 
 import jaxcable as jc
 
-_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]

@@ -193,8 +193,6 @@ print(f"largest difference {jnp.abs(again - tensions).max():.1e} N")
 # ## Files for other programs
 #
 # A scene is saved as a JSON file and loaded again; a result is written as a VTK file for ParaView.
-# `jc.keep_programs()` keeps compiled programs on disk for the next process (not used here, since
-# this notebook shows the times of first calls).
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

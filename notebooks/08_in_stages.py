@@ -38,8 +38,6 @@ import numpy as np
 
 import jaxcable as jc
 
-_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
-
 # %% [markdown]
 # ## Two spans, one after the other
 #

@@ -15,7 +15,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # The programs of beams compile a quarter faster without fusion emitters. An unknown flag ends the
 # process, hence only where it is known to exist.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share the cores
-os.environ.setdefault("JAXCABLE_PROGRAMS", "")  # nothing goes into the user's folder
 if jaxlib.version.__version_info__[:2] == (0, 10):
     # (and as many processes as cores compile at once: none of them gains by several threads)
     FASTER = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"

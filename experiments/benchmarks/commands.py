@@ -13,7 +13,7 @@ Results    first_screen.txt; waiting.txt (10 minutes for each interpreter that i
 
 first_screen: `make demo` installs the package; the time for that is measured separately. The last
 commit is cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's
-cache is off, and the folder of kept programs is empty. Downloads are part of the time.
+cache is off. Downloads are part of the time.
 
 waiting: each program (`tests/banks/waiting_programs.py`) runs in a separate process; every call has
 different numbers.

@@ -1,9 +1,9 @@
 """What is gained by evaluating programs with NumPy first, and what is lost?
 
 Question   Seconds of first calls outside of `jax.jit`, by default, compiled, and compiled where
-           another process has kept the programs; with another version of jax, too, if the
-           environment variable OTHER_JAX_PYTHON names an interpreter that has one; and of 1 to
-           1 000 calls by default, by NumPy and by XLA alone.
+           jax's cache on disk has the programs of another process; with another version of jax,
+           too, if the environment variable OTHER_JAX_PYTHON names an interpreter that has one; and
+           of 1 to 1 000 calls by default, by NumPy and by XLA alone.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
 Error      None: `tests/programs` and `numpy_and_xla.py` compare the results.
@@ -33,7 +33,7 @@ def run(cases, _):
     rows = {}
     say("\nSeconds of first calls outside of jit (in Y, the first call of the bare analysis), and")
     say("programs that XLA compiles. plain: `solve`; after: the gradient after it; gradient:")
-    say("without it; kept: where another process has kept the programs\n")
+    say("without it; kept: where jax's cache on disk has the programs of another process\n")
     say(f"{'':32}{'Y, s':>6}" + "".join(f"{kind:>{WIDTH}}" for kind in KINDS))
     ways = [(scene, "auto", "") for scene in cases.evaluated]
     ways += [(scene, "xla", how) for scene in cases.compiled for how in (", compiled", ", kept")]

@@ -288,7 +288,6 @@ def run(cases, _):
     record(f"\n{count} load cases of {3 * SIDE**2} unknowns, in chunks of {chunk}\n")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        jc.keep_programs(folder / "programs")
         reference = speeds(record, folder, count, chunk)
         killed(record, folder, count, chunk, reference)
         overhead(record, folder, n_chunk)

@@ -35,7 +35,8 @@ def main():
     jax.monitoring.register_event_duration_secs_listener(hear)
     jc.evaluation(case["way"])
     if case.get("kept"):
-        jc.keep_programs(case["kept"])
+        jax.config.update("jax_compilation_cache_dir", case["kept"])
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     structure, phases = scenes.EVERY[case["scene"]]()
     nodes = np.asarray(structure.nodes)
 

@@ -26,7 +26,7 @@ def forget_programs() -> None:
 
     A process that analyses structures of many different shapes grows with each of them: up to 32
     programs of `jc.solve`, and as many of each similar function, stay in memory, and all programs
-    of `jax.jit`. What is needed again is compiled again, or read from disk (`keep_programs`).
+    of `jax.jit`. What is needed again is made again.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()

@@ -27,7 +27,6 @@ import numpy as np
 from jax._src import config, xla_bridge
 from jax._src.core import trace_ctx
 from jax._src.util import weakref_cache_key_types
-from jax.experimental.compilation_cache.compilation_cache import reset_cache
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters.partial_eval import dce_jaxpr, dce_rules
@@ -356,11 +355,6 @@ def held_weakly(cls: type[_T]) -> type[_T]:
     """
     weakref_cache_key_types.add(cls)
     return cls
-
-
-def reset_jax_cache() -> None:
-    """Have jax read the setting of its cache folder again."""
-    reset_cache()
 
 
 # --- arrays

@@ -102,7 +102,6 @@ def study(
     dims: Mapping[str, Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
     coords: Mapping[str, ArrayLike] | None = None,
-    programs: str | PathLike[str] | None = None,
     progress: bool | Callable[[Any], object] | None = None,
     patience: float = 600.0,
 ) -> Study:
@@ -138,9 +137,6 @@ def study(
         dims: names of the axes of results, by name of the result: ``{"tension": ["element"]}``.
         units: units, by name of a result or coordinate: ``{"sag": "m"}``.
         coords: values or names along dimensions of results: ``{"element": names}``.
-        programs: folder in which the workers of a cluster keep compiled programs, so that those
-            that start later compile little; the default is that of `keep_programs`, if this
-            process has called it.
         progress: True prints a line every half second: chunks, failed cases, speed, time left; a
             function gets the reports.
         patience: seconds that a study waits while a cluster has no workers; ``math.inf`` where they
@@ -169,7 +165,7 @@ def study(
     """
     checks.require_whole_number(chunk, "chunk")
     as_listener(progress)
-    settings = Settings.of_this_process(programs)
+    settings = Settings.of_this_process()
     if not patience > 0:
         raise ValueError(f"patience = {patience!r}: expected a positive number of seconds")
     _require_package("zarr", "studies", "a study")

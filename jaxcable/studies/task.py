@@ -22,7 +22,6 @@ from ..analysis.batches import batched
 from ..common import digest, status
 from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
-from ..common.kept_programs import keep_programs, kept_programs_folder
 from ..common.types import PyTree
 from ..programs.traced_function import TracedFunction, evaluate_traced, trace_function
 from .cases import Block, Cases
@@ -41,23 +40,19 @@ class Settings:
     Attributes:
         x64: whether numbers are in double precision.
         fused: whether loops are fused (`fuse_loops`).
-        programs: folder in which compiled programs are kept, or None.
         versions: of jaxcable and jax, and the backend of jax.
     """
 
     x64: bool
     fused: bool
-    programs: str | None
     versions: tuple[str, str, str]
 
     @classmethod
-    def of_this_process(cls, programs: str | os.PathLike[str] | None) -> Settings:
-        """Return the settings of this process; `programs` is another folder, or None."""
-        folder = Path(programs).expanduser().absolute() if programs else kept_programs_folder()
+    def of_this_process(cls) -> Settings:
+        """Return the settings of this process."""
         return cls(
             jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
             are_loops_fused(),
-            None if folder is None else str(folder),
             (package_version("jaxcable"), jax.__version__, jax.default_backend()),
         )
 
@@ -77,9 +72,7 @@ class Settings:
             request_fused_loops()
         if self.fused and not has_xla_started():
             os.environ["NPROC"] = str(n_thread)  # what XLA asks for the size of its pool
-        if self.programs is not None and str(kept_programs_folder()) != self.programs:
-            keep_programs(self.programs)
-        here = Settings.of_this_process(None)
+        here = Settings.of_this_process()
         if (here.fused, here.versions) != (self.fused, self.versions):
             raise RuntimeError(
                 f"this worker has {here.versions}, `fuse_loops` {here.fused}, and the study "

@@ -86,14 +86,12 @@ def commands():
 
 
 def calls(folder):
-    """What asks the system most: programs on disk, devices, studies in files, memory."""
+    """What asks the system most: devices, studies in files, memory."""
     import jaxcable as jc
 
-    jc.keep_programs(folder / "programs")
     structure, phases = jc.scenes.flat_net()
 
     one = jc.solve(structure, phases).displacement[3, 2]
-    assert list((folder / "programs").glob("*-cache"))
     forces = np.linspace(900.0, 1100.0, 4)
 
     def lowest(force):

@@ -27,14 +27,13 @@ INSIDE = """
         assert jax.numpy.ones(2).dtype == dtype
 
     run("float32")
-    jc.keep_programs("own")
     jax.config.update("jax_enable_x64", True)
     run("float64")
 """
 
 
 def test_a_program_that_runs_commands_keeps_its_settings(tmp_path):
-    """Of jax and of warnings, whatever they are; programs are kept where it has said so."""
+    """Of jax and of warnings, whatever they are."""
     flags = os.environ.get("XLA_FLAGS", "").split()
     flags = [flag for flag in flags if not flag.startswith("--xla_backend_extra_options")]
     around = environment(XLA_FLAGS=" ".join(flags))
@@ -43,4 +42,3 @@ def test_a_program_that_runs_commands_keeps_its_settings(tmp_path):
     run = [sys.executable, "-c", textwrap.dedent(INSIDE)]
     run = subprocess.run(run, cwd=tmp_path, env=around, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert list((tmp_path / "own").glob("*-cache"))

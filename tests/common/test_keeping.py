@@ -1,4 +1,4 @@
-"""Programs kept on disk for the next process (`keep_programs`), and those in memory."""
+"""Programs in memory, and on disk by jax's own cache."""
 
 import gc
 import json
@@ -17,7 +17,6 @@ import pytest
 from test_digest import module_texts
 
 import jaxcable as jc
-from jaxcable.common import kept_programs
 from jaxcable.common.checks import warn_user, without_warnings
 from jaxcable.common.compilation import without_garbage_collection
 from jaxcable.numerics import vectors
@@ -40,7 +39,8 @@ PROCESS = """
         for word in counts:
             counts[word] += name == f"/jax/compilation_cache/cache_{word}"
     jax.monitoring.register_event_listener(heard)
-    jc.keep_programs(sys.argv[1])
+    jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
     # digests
     structure, phases = jc.scenes.flat_net()
@@ -73,7 +73,7 @@ PROCESS = """
 
 
 def run_process(folder, seed):
-    """What a process that keeps programs in a folder prints; texts have other hashes in each."""
+    """What a process with jax's cache in a folder prints; texts have other hashes in each."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     clean |= {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1", "PYTHONHASHSEED": seed}
     clean["PYTHONPATH"] = os.pathsep.join([str(folder), *sys.path])
@@ -93,85 +93,6 @@ def test_another_process_does_not_compile(tmp_path):
     assert first["tension"] == after["tension"]
     assert first["twice"] == after["twice"] == [2.0, 2.0, 2.0]
     assert first["digests"] == after["digests"] and len(set(first["digests"])) == 3
-
-
-# --- a small program of the package, in this process
-
-
-def product():
-    """1 + 2 + 3, by a program that this process knows as little as a new one does."""
-    with jc.evaluation("xla"):
-        return float(as_program(vectors.scalar_product)(np.arange(1.0, 4.0), np.ones(3)))
-
-
-def test_jax_keeps_programs_meanwhile(nothing_kept, tmp_path):
-    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
-
-    def settings():
-        return [getattr(jax.config, name) for name in names]
-
-    before = settings()
-    assert kept_programs.kept_programs_folder() is None
-    assert jc.keep_programs(tmp_path / "other") == tmp_path / "other"
-    assert jc.keep_programs(tmp_path / "kept") == tmp_path / "kept"
-    assert settings() == [str(tmp_path / "kept"), 0.0]
-    assert kept_programs.kept_programs_folder() == tmp_path / "kept"
-    assert product() == 6.0 and list((tmp_path / "kept").glob("*-cache"))
-    assert (tmp_path / "kept").stat().st_mode & 0o077 == 0 or os.name != "posix"
-    jc.keep_programs(limit=0)
-    assert settings() == before and product() == 6.0
-    assert kept_programs.kept_programs_folder() is None and not list(tmp_path.glob("other/*"))
-
-
-def test_the_oldest_files_are_removed(nothing_kept, tmp_path):
-    names = [f"jit_f-{digit * 64}-cache" for digit in "0123"]
-    for k, name in enumerate(names):
-        (tmp_path / name).write_bytes(bytes(100))
-        os.utime(tmp_path / name, (1e9 - k, 1e9 - k))
-    (tmp_path / "my-cache").write_bytes(bytes(100))
-    jc.keep_programs(tmp_path, 250)
-    assert {path.name for path in tmp_path.iterdir()} == {*names[:2], "my-cache"}
-    jc.keep_programs(tmp_path, 1)
-    assert [path.name for path in tmp_path.iterdir()] == ["my-cache"]
-
-
-def test_a_damaged_file_is_made_again(nothing_kept, tmp_path):
-    jc.keep_programs(tmp_path)
-    assert product() == 6.0
-    for path in tmp_path.glob("*-cache"):
-        path.write_bytes(path.read_bytes()[:50])
-    with pytest.warns(UserWarning, match="Error reading persistent compilation cache entry"):
-        assert product() == 6.0
-
-
-def test_wrong_folders_and_limits(tmp_path):
-    for folder in ("", 3):
-        with pytest.raises(ValueError, match=r"folder = .*: expected the path of a folder"):
-            jc.keep_programs(folder)
-    for limit in (-1, 2.5):
-        with pytest.raises(ValueError, match="limit"):
-            jc.keep_programs("never", limit=limit)
-    (tmp_path / "file").write_text("mine")
-    for path in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(ValueError, match=f"folder: {path}: expected a folder"):
-            jc.keep_programs(path)
-    assert (tmp_path / "file").read_text() == "mine"
-
-
-@pytest.mark.parametrize("folder", ["", "named"])
-def test_the_environment_names_the_folder(folder, tmp_path, monkeypatch, nothing_kept):
-    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / folder) if folder else "")
-    found = jc.keep_programs()
-    assert kept_programs.kept_programs_folder() == (tmp_path / "named" if folder else None)
-    assert not folder or found == tmp_path / "named"
-
-
-def test_the_folder_for_caches(tmp_path, monkeypatch, nothing_kept):
-    monkeypatch.delenv("JAXCABLE_PROGRAMS")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    if sys.platform.startswith("linux"):
-        assert jc.keep_programs() == tmp_path / "jaxcable"
-        assert (tmp_path / "jaxcable").stat().st_mode & 0o777 == 0o700
 
 
 # --- programs in memory

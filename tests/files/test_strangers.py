@@ -44,18 +44,6 @@ def test_the_control_finds_what_harms(tmp_path, monkeypatch, solution):
         assert len(faults) == 1
 
 
-def test_kept_programs_leave_strangers_alone(tmp_path):
-    strangers.fill(tmp_path)
-    before = strangers.seen(tmp_path)
-    try:
-        for limit in (1, 1000, 10**6):
-            jc.keep_programs(tmp_path, limit)
-    finally:
-        jc.keep_programs(limit=0)
-    after = strangers.seen(tmp_path)
-    assert {name: after.get(name) for name in before} == before
-
-
 def test_a_file_keeps_its_permissions_and_a_failed_set_leaves_nothing(tmp_path):
     from jaxcable.common.writing import atomic_write_together
 

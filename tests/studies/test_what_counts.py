@@ -136,7 +136,7 @@ def test_other_versions_and_settings_are_refused(store, monkeypatch, part, place
     refused(part, make(), FORCES, store)
 
 
-def test_what_changes_no_result_is_accepted(store, monkeypatch, tmp_path):
+def test_what_changes_no_result_is_accepted(store, monkeypatch):
     before = {path: path.stat().st_mtime_ns for path in (store / "sag").rglob("*")}
 
     model, unused = make(nodes=np.array(NODES), fixed=[2, 0]), np.arange(3.0)
@@ -146,7 +146,6 @@ def test_what_changes_no_result_is_accepted(store, monkeypatch, tmp_path):
 
     jc.study(renamed, FORCES.copy(), store, chunk=3)
     jc.study(make(), list(FORCES), store, chunk=3, progress=lambda news: None)
-    jc.study(make(), FORCES, store, chunk=3, programs=tmp_path / "programs")
     monkeypatch.chdir(store.parent)
     jc.study(make(), FORCES, os.path.relpath(store), chunk=3)
     assert {path: path.stat().st_mtime_ns for path in (store / "sag").rglob("*")} == before
