@@ -56,7 +56,10 @@ def draw(seed):
     }
 
 
-def analyse(numbers, told=Statement(), further=0.0):
+PLAIN = Statement()
+
+
+def analyse(numbers, told=PLAIN, further=0.0):
     """Displacement [7, 3] by node of the first order, and element forces, in its units and axes.
 
     `further` [3] is added to the force on the top.
