@@ -10,13 +10,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_keeping import product
 
 import jaxcable as jc
 from jaxcable.common import fusion, jax_internals
+from jaxcable.numerics import vectors
 from jaxcable.programs.program_calls import as_program
 
 ROOT = Path(__file__).parents[2]
+
+
+def product():
+    """1 + 2 + 3, compiled."""
+    with jc.evaluation("xla"):
+        return float(as_program(vectors.scalar_product)(np.arange(1.0, 4.0), np.ones(3)))
 
 
 def test_the_range_of_versions_is_that_of_the_package():
