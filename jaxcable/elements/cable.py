@@ -101,14 +101,7 @@ class TensionOnly(Straight, TensionElement):
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether the strain of one cable is zero up to rounding: between taut and slack."""
-
-        def unstressed():
-            strain = self.strain(state, ends, motion)
-            # elongation and displacements cancel there, and each is rounded
-            size = jnp.abs(state.elongation) + jnp.sum(jnp.abs(motion))
-            return jnp.abs(strain) <= 4 * jnp.finfo(strain.dtype).eps * size / state.rest_length
-
-        return jack_value_or(state, jnp.zeros((), bool), unstressed)
+        return self.is_unstressed(state, ends, motion)
 
     def _zero_if_slack(self, value, strain, memory):
         """Return `value`, or zero in a slack cable; a `Parallel` law has zeros there already."""

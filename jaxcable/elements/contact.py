@@ -85,14 +85,7 @@ class CompressionOnly(Straight):
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether the strain of one contact is zero up to rounding: it opens or closes."""
-
-        def unstressed():
-            strain = self.strain(state, ends, motion)
-            # elongation and displacements cancel there, and each is rounded
-            size = jnp.abs(state.elongation) + jnp.sum(jnp.abs(motion))
-            return jnp.abs(strain) <= 4 * jnp.finfo(strain.dtype).eps * size / state.rest_length
-
-        return jack_value_or(state, jnp.zeros((), bool), unstressed)
+        return self.is_unstressed(state, ends, motion)
 
     def unstressed_state(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]

@@ -220,6 +220,17 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     # --- one element
 
+    def is_unstressed(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether the strain is zero up to rounding; not where a jack sets the force."""
+
+        def unstressed():
+            strain = self.strain(state, ends, motion)
+            # elongation and displacements cancel there, and each is rounded
+            size = jnp.abs(state.elongation) + jnp.sum(jnp.abs(motion))
+            return jnp.abs(strain) <= 4 * jnp.finfo(strain.dtype).eps * size / state.rest_length
+
+        return jack_value_or(state, jnp.zeros((), bool), unstressed)
+
     def mass_matrix(
         self,
         state: AxialState,
