@@ -3,7 +3,8 @@
 `python tests/rooms.py --lines` writes their code lines as budgets to `budgets.toml`.
 
 Rooms in the order in which data flows: a room imports only from those above it. Of the rooms that
-it imports the map names those that it does not also get by way of others.
+it imports the map names those that it does not also get by way of others. The wings are no folders,
+because rooms are public modules (`jaxcable.design`).
 """
 
 import ast
@@ -13,6 +14,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "jaxcable"
+WINGS = {
+    "without structures": ["common", "programs", "linear", "numerics"],
+    "physics": ["materials", "sections", "spaces", "elements", "model", "loads", "mechanics"],
+    "solving": ["equilibrium", "analysis", "paths"],
+    "states": ["stiffness", "results"],
+    "forms": ["forms"],
+    "scenes": ["scenes"],
+    "design": ["standards", "design", "studies", "reliability"],
+    "files": ["files", "catalogue"],
+    "output": ["plots", "reporting", "cli"],
+}
+ORDER = [room for wing in WINGS.values() for room in wing]
 BEGIN, END = "<!-- rooms: python tests/rooms.py -->\n", "<!-- end of rooms -->\n"
 
 
@@ -38,36 +51,26 @@ def uses(room):
     return found & set(rooms())
 
 
-def ordered():
-    """Pairs (room, rooms that it uses and no other of them uses), those that use least first."""
-    graph = {room: uses(room) for room in rooms()}
-    below = {}
+def stands_on(room):
+    """Rooms that a room uses and that no other of these uses."""
 
+    @functools.cache
     def all_below(room):
-        if room not in below:
-            below[room] = set().union(graph[room], *(all_below(own) for own in graph[room]))
-        return below[room]
+        return uses(room).union(*map(all_below, uses(room)))
 
-    level = {}
-
-    def height(room):
-        if room not in level:
-            level[room] = 1 + max((height(own) for own in graph[room]), default=0)
-        return level[room]
-
-    for room in sorted(graph, key=lambda own: (height(own), own)):
-        hidden = set().union(*(all_below(own) for own in graph[room]))
-        yield room, sorted(graph[room] - hidden, key=lambda own: (-height(own), own))
+    return sorted(uses(room).difference(*map(all_below, uses(room))), key=ORDER.index)
 
 
 def drawn():
     """The table, as it stands in CONTRIBUTING.md."""
-    lines = ["| room | what is in it | modules | stands on |", "|---|---|---|---|"]
-    for room, below in ordered():
+    lines = ["| wing | room | what is in it | modules | stands on |", "|---|---|---|---|---|"]
+    for wing, room in ((wing, room) for wing, those in WINGS.items() for room in those):
         what = ast.get_docstring(trees()[PACKAGE / room / "__init__.py"]).split("\n")[0].rstrip(".")
         modules = [path.stem for path in sorted((PACKAGE / room).glob("*.py"))]
         modules = ", ".join(f"`{name}`" for name in modules if name != "__init__")
-        lines.append(f"| `{room}` | {what} | {modules} | {', '.join(below)} |")
+        label = f"**{wing}**" if room == WINGS[wing][0] else ""
+        below = ", ".join(stands_on(room))
+        lines.append(f"| {label} | `{room}` | {what} | {modules} | {below} |")
     return "\n".join(lines) + "\n"
 
 

@@ -15,12 +15,7 @@ import jaxcable as jc
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "jaxcable"
 
-FLOORS = """
-    common; programs; linear, standards; numerics; materials; sections; elements; spaces; model;
-    loads; mechanics; equilibrium; analysis; stiffness; results; paths; forms; design; studies,
-    reliability; scenes; plots, files; reporting, catalogue; cli, extend; __init__, __main__
-"""
-LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
+LEVEL = {name: k for k, name in enumerate([*rooms.ORDER, "extend", "__init__", "__main__"])}
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
 
 
