@@ -9,23 +9,24 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
+from ..common import jax_internals as internals
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
+    BoxBounds,
     broadcast_to_params,
     check_call_arguments,
     check_search_arguments,
     flat_vector,
+    unflatten_params,
 )
 from .nlp_solvers import nlp_solver_by_name
-from .no_derivative import warn_of_undefined_derivative
 from .optimality import solve_kkt_conditions
 from .returned_values import loss_and_status
 from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
@@ -155,28 +156,21 @@ def minimize_subject_to(
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
-    start, back = flat_vector(params), ravel_pytree(params)[1]
-    traced = trace_function(functools.partial(_flat_problem, problem, back), start, args)
-    step = least = _typical_sizes(box, start)
+    start = flat_vector(params)
+    traced = trace_function(functools.partial(_flat_problem, problem, params), start, args)
+    step = box.typical_sizes(start)
     if scale is not None:
         step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
 
-    def sizes(x):
-        return np.asarray(_larger_sizes(box, least, x), float)
-
     def evaluate(x):
-        return _evaluate(traced, jnp.asarray(x, start.dtype), args)
+        return _evaluate(traced, np.asarray(x, start.dtype), args)
 
-    limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
-    search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    first = search.evaluate_at(np.asarray(start, float))
-    derivatives = np.vstack([first.gradient, first.jacobian])
-    values = np.append(first.loss, first.constraints)
-    warn_of_undefined_derivative(values, derivatives, params=params)
-    end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
+    doubles = BoxBounds(*(np.asarray(x, float) for x in (box.lower, box.upper)), box.counts)
+    search = _ConstrainedSearch(evaluate, doubles, params, float(tol), int(steps), listen)
+    end, code, count = search.run(solve, np.asarray(start, float), step.astype(float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(
-        params=back(jnp.asarray(end.x, start.dtype)),
+        params=internals.as_jax_arrays(unflatten_params(end.x, params)),
         loss=jnp.asarray(end.loss, start.dtype),
         constraints=jnp.asarray(end.constraints, start.dtype),
         multipliers=multipliers,
@@ -194,24 +188,28 @@ class _ConstrainedSearch(ScaledProblem):
     Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.)
 
     Args:
-        evaluate, bounds: as for `ScaledProblem`.
-        sizes: function that returns the typical sizes [n] of given parameters [n].
+        evaluate, box, params: as for `ScaledProblem`.
         tol, steps: as for `minimize_subject_to`.
         listen: function of a `progress.Step` that reports progress, or None.
     """
 
-    def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
-        super().__init__(evaluate, bounds, tol, self.report_accepted_point)
-        self.typical_sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
+    def __init__(self, evaluate, box, params, tol, steps, listen):
+        super().__init__(evaluate, box, params, tol, self.report_accepted_point)
+        self.tol, self.steps, self.listen = tol, steps, listen
         self.first = self.number = self.known = 0
 
     def run(
-        self, solve: Callable[[ScaledProblem, int, float], None], step: np.ndarray, rounds: int
+        self,
+        solve: Callable[[ScaledProblem, int, float], None],
+        start: Float[np.ndarray, " n"],
+        step: Float[np.ndarray, " n"],
+        rounds: int,
     ) -> tuple[TrialPoint, int, int]:
-        """Run the library at most `rounds` times, first from the point that was evaluated last.
+        """Run the library at most `rounds` times, first from a start.
 
         Args:
             solve: function of `nlp_solvers` that runs one library.
+            start: parameters, [n].
             step: typical changes of the parameters in the first step, [n].
             rounds: largest number of runs.
 
@@ -219,8 +217,8 @@ class _ConstrainedSearch(ScaledProblem):
             The final point, the status, and the number of runs.
         """
         missing = np.inf
-        best = first = self.last
-        self.first = abs(best.loss)
+        best = first = self.evaluate_at(start)
+        self.first, self.least = abs(best.loss), self.box.typical_sizes(start)
         if best.failed:
             return best, status.BAD_START, 0
         self.report_accepted_point(best)
@@ -249,15 +247,19 @@ class _ConstrainedSearch(ScaledProblem):
 
         It is STATIONARY if the point is the start `first`, and the gradient there is zero.
         """
-        free = (point.x > self.bounds[0]) & (point.x < self.bounds[1])
+        free = (point.x > self.box.lower) & (point.x < self.box.upper)
         blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
         return status.STATIONARY if blind else status.OK
 
     def multipliers_and_residual(self, point: TrialPoint) -> tuple[np.ndarray, float]:
         """Return the Lagrange multipliers at a point, [m], and its KKT residual over the loss."""
         size = self.typical_sizes(point.x)
-        multipliers, residual = solve_kkt_conditions(point, self.bounds, size, self.tol)
+        multipliers, residual = solve_kkt_conditions(point, self.box, size, self.tol)
         return multipliers, residual / self.loss_size(point)
+
+    def typical_sizes(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the sizes of parameters at `x`, [n], at least those at the start."""
+        return np.maximum(self.least, self.box.largest_per_array(x))
 
     def loss_size(self, point: TrialPoint) -> float:
         """Return the size of the loss at a point, positive, which residuals are divided by.
@@ -276,29 +278,17 @@ class _ConstrainedSearch(ScaledProblem):
         residual = self.multipliers_and_residual(point)[1]
         if self.listen is not None:
             failures, self.known = self.failures - self.known, self.failures
-            self.listen(Step(self.number, self.steps, point.loss, residual, failures))
+            self.listen(Step(self.number, self.steps, float(point.loss), residual, failures))
         self.number += 1
         return point.violation <= 0 and residual <= self.tol
 
 
-@as_program
-def _typical_sizes(box, start):
-    """Return the typical sizes of parameters that start at `start`, [n]."""
-    return box.typical_sizes(start)
-
-
-@as_program
-def _larger_sizes(box, least, x):
-    """Return the sizes of parameters at `x`, at least `least`, [n]."""
-    return jnp.maximum(least, box.largest_per_array(x))
-
-
-def _flat_problem(problem, back, x, args):
+def _flat_problem(problem, params, x, args):
     """Return [loss, constraints ...] and the status code of a user's function.
 
-    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
+    Its parameters, a pytree like `params`, are given as `x` [n]; `args` are its further arguments.
     """
-    returned = problem(back(x), *args)
+    returned = problem(unflatten_params(x, params), *args)
     if not isinstance(returned, tuple) or len(returned) not in (2, 3):
         raise ValueError("problem: expected (loss, constraints) or (loss, constraints, solution)")
     value, code = loss_and_status((returned[0], returned[2:]))
@@ -311,6 +301,5 @@ def _flat_problem(problem, back, x, args):
 
 @as_program
 def _evaluate(problem, x, args):
-    """Return the `Evaluation` of [loss, constraints ...], a `TracedFunction`, at `x` [n]."""
-    count = problem.result[0].size
-    return values_and_jacobian(lambda x: problem(x, args), x, count).mark_nonfinite()
+    """Return [loss, constraints ...], a `TracedFunction`, with Jacobian and status at `x` [n]."""
+    return values_and_jacobian(lambda x: problem(x, args), x, problem.result[0].size)

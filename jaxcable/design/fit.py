@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
-from ..common import checks
+from ..common import checks, status
+from ..common import jax_internals as internals
 from ..common.progress import Trial, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
     check_call_arguments,
     check_search_arguments,
     flat_vector,
-    search_or_input_status,
+    unflatten_params,
 )
-from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
-from .no_derivative import refuse_derivative
+from .levenberg import FitHistory, LevenbergMarquardt
 from .returned_values import residuals_and_status
-from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
-from .trials import Evaluation, values_and_jacobian
+from .trials import Problem, call_search, padded_columns, unevaluated_point, values_and_jacobian
 
 
 @pytree
@@ -152,23 +151,20 @@ def fit(
     """
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    listen, steps = as_listener(progress), int(steps)
-    flat = functools.partial(_flat_residuals, residuals, ravel_pytree(params)[1])
-    traced = trace_function(flat, flat_vector(params), args)
-    problem = traced, params, args, box, tol
-    if is_plain_call(problem):
-        evaluate = functools.partial(_evaluate, traced, args)
-        return _search_on_host(evaluate, params, box, tol, steps, listen)
-    key = traced.equations, steps, listen
-    return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
+    traced = trace_function(
+        functools.partial(_flat_residuals, residuals, params), flat_vector(params), args
+    )
+    listen = as_listener(progress)
+    search = functools.partial(_search, steps=int(steps), listen=listen)
+    return call_search(search, (traced, args), (params, box), tol, listen is not None)
 
 
-def _flat_residuals(residuals, back, x, args):
+def _flat_residuals(residuals, params, x, args):
     """Return the residuals [n_residual] and the status code of a user's function.
 
-    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
+    Its parameters, a pytree like `params`, are given as `x` [n]; `args` are its further arguments.
     """
-    values, code = residuals_and_status(residuals(back(x), *args))
+    values, code = residuals_and_status(residuals(unflatten_params(x, params), *args))
     vector = ravel_pytree(values)[0]
     if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
         raise ValueError("residuals: expected arrays of floats")
@@ -177,29 +173,18 @@ def _flat_residuals(residuals, back, x, args):
 
 @as_program
 def _evaluate(residuals, args, x):
-    """Return the `Evaluation` of residuals, a `TracedFunction`, at flat parameters [n]."""
+    """Return residuals, a `TracedFunction`, with Jacobian and status at flat parameters [n]."""
     return values_and_jacobian(lambda x: residuals(x, args), x, residuals.result[0].size)
 
 
-def _make_search(steps, listen):
-    """Return the search of `fit` within another program, a function of the problem."""
-
-    @jax.jit
-    def search_within_program(*problem):
-        residuals, params, args, box, tol = refuse_derivative(problem)
-
-        def evaluate_trial(state):
-            return _evaluate(residuals, args, state.trial)
-
-        loop = functools.partial(search_in_program, evaluate_trial)
-        count = residuals.result[0].size
-        return refuse_derivative(_search(loop, count, params, box, tol, steps, listen))
-
-    return search_within_program
+def _search(residuals, args, params, box, tol, steps, listen):
+    """Search as `fit` does, for known numbers."""
+    evaluate = functools.partial(_evaluate, residuals, args)
+    return _search_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
 
 
 def fit_on_host(
-    evaluate: Callable[[Float[Array, " n"]], Evaluation],
+    evaluate: Callable[[Float[Array, " n"]], Sequence[Any]],
     params: PyTree[Float[ArrayLike, " ..."]],
     bounds: tuple[Any, Any] | None,
     steps: int,
@@ -209,78 +194,39 @@ def fit_on_host(
     """Search as `fit` does, from Python, by a function that evaluates residuals and Jacobian.
 
     Args:
-        evaluate: function of the flat parameters [n] to an `Evaluation` of the residuals.
+        evaluate: function of the flat parameters [n] to the residuals, their Jacobian and the
+            status code.
         params, bounds, steps, tol: as for `fit`.
         listen: function of a `progress.Trial` that is called after every trial point, or None.
     """
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    return _search_on_host(evaluate, params, box, tol, int(steps), listen)
+    return internals.as_jax_arrays(_search_on_host(evaluate, params, box, tol, steps, listen))
 
 
-def _search_on_host(evaluate, params, box, tol, steps, listen):
-    """Search in Python; `evaluate` and `listen` are as for `fit_on_host`."""
-    first = [evaluate(flat_vector(params))]  # it tells the number of residuals
+def _search_on_host(evaluate, params, box, tol, steps, listen, count=0):
+    """Search by NumPy, and return the `Fit`; `evaluate` is as for `fit_on_host`.
 
-    def evaluate_trial(state):
-        return first.pop() if first else evaluate(state.trial)
-
-    loop = functools.partial(search_on_host, evaluate_trial, params=params)
-    return _search(loop, first[0].values.size, params, box, tol, steps, listen)
-
-
-def _search(loop, count, params, box, tol, steps, listen):
-    """Search for the least squares of `count` residuals; return the `Fit`.
-
-    `loop` is one of the loops in `search_loop` with its evaluation.
+    Where numbers that were traced break a rule, nothing is evaluated: there are `count` residuals.
     """
-    search = LevenbergMarquardt(box, tol, steps)
-    report = make_report(listen, Trial, steps, lambda before, after: True, progress_numbers)
-    begin = _initial_state(search, flat_vector(params), count=count)
-    end = loop(functools.partial(_advance, search), begin, report)
-    return _make_fit(search, end, params)
-
-
-@functools.partial(as_program, static=("count",))
-def _initial_state(search, start, count):
-    """Return the first state of a search with `count` residuals."""
-    return search.initial_state(start, count)
-
-
-@as_program
-def _advance(search, state, found):
-    """Return the next state of a search, ``search.advance(state, found)``."""
-    return search.advance(state, found)
-
-
-def progress_numbers(s: LevenbergState) -> dict[str, Array]:
-    """Return the fields of a `progress.Trial` by name, for the trial point evaluated last."""
-    return {"number": s.n_trial} | {
-        name: getattr(s.history, name)[s.n_trial] for name in ("misfit", "accepted", "status")
-    }
-
-
-@as_program
-def _make_fit(search, end, params):
-    """Convert the last state `end` of a search, which started at `params`, to a `Fit`."""
-    start, back = ravel_pytree(params)
-    blocked = search.box.blocked_entries(end.x, end.residual @ end.jacobian)
-    no_influence = search.lacks_influence(end.x, end.residual, end.jacobian)
-
-    def flags(flat):
-        return jax.tree.map(lambda f: f > 0.5, back(flat.astype(start.dtype)))
-
+    params, box = jax.tree.map(np.asarray, (params, box))
+    start, problem = flat_vector(params), Problem(evaluate, box, params)
+    search = LevenbergMarquardt(problem, float(tol), steps, listen)
+    code = box.input_status(start, tol)
+    with np.errstate(all="ignore"):
+        if code == status.OK:
+            code = search.run(start)
+        else:
+            search.accept(unevaluated_point(start, count, code))
+    point, real, whole = search.point, start.dtype, np.int32
     return Fit(
-        params=back(end.x),
-        residual=end.residual,
-        jacobian=end.jacobian,
-        misfit=jnp.linalg.norm(end.residual),
-        free=flags(~blocked),
-        without_influence=flags(no_influence),
-        history=end.history,
-        status=search_or_input_status(end.code, search.box, start, search.tol),
-        steps=jnp.maximum(end.n_trial, 0),
+        params=unflatten_params(point.x, params),
+        residual=point.values,
+        jacobian=point.jacobian,
+        misfit=np.linalg.norm(point.values),
+        free=unflatten_params(~search.blocked, params),
+        without_influence=unflatten_params(search.without_influence, params),
+        history=FitHistory(*padded_columns(search.rows, (real, whole, real, whole), steps + 1)),
+        status=whole(code),
+        steps=whole(max(len(search.rows) - 1, 0)),
     )
-
-
-_within_program = KnownPrograms()

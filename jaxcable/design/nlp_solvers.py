@@ -75,7 +75,7 @@ def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
     """
     import ipyopt
 
-    m, n = problem.reached.jacobian.shape
+    m, n = len(problem.reached.constraints), len(problem.start)
     ended = False
 
     def value_or_nan(function, y):

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from ..analysis.as_built_statements import stated_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
@@ -30,10 +29,9 @@ from ..model.result_parts import named_groups_of, present_elements, slack_elemen
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
-from .bounds import flat_vector
+from .bounds import flat_vector, unflatten_params
 from .fit import fit, fit_on_host
 from .targets import Target, deviations, require_targets, result_names_for_targets
-from .trials import Evaluation
 
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
 _MAX_FORWARD = 256  # unknowns up to which forward mode is used; beyond, `fit` takes reverse mode
@@ -284,18 +282,12 @@ def _make_search(phases_with, targets, bounds, method, start, options):
 
         @as_program
         def back(x):
-            return ravel_pytree(values)[1](x)
+            return unflatten_params(x, values)
 
         analyse = MeasuredAnalysis(structure, lambda x: phases_with(back(x)), *given)
-        evaluate = functools.partial(_as_evaluation, analyse)
-        return fit_on_host(evaluate, values, bounds, steps, tol, listen)
+        return fit_on_host(analyse, values, bounds, steps, tol, listen)
 
     return seek
-
-
-def _as_evaluation(analyse, x):
-    """Return the `Evaluation` of a `MeasuredAnalysis` for inputs x, [n]."""
-    return Evaluation(*analyse(x))
 
 
 def _describe_nearly_slack(structure, solution, first_phase):
