@@ -154,9 +154,8 @@ def broadcast_to_params(
             text = "must be positive and finite"
             sound = _rules.Rule(where, v, lambda v: ~((v > 0) & (v < np.inf)), text)
             v = _rules.nan_if_broken(sound)
-        if isinstance(v, jax.core.Tracer):
-            return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
-        return np.broadcast_to(np.asarray(v, x.dtype), x.shape)
+        xp = checks.numpy_or_jax(v)
+        return xp.broadcast_to(xp.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
@@ -187,21 +186,22 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
     def check(path, x, low, high):
         x, low, high = (checks.array_if_known(v) for v in (x, low, high))
-        entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return
-        _refuse_first_bad_entry(np.isnan(low), "lower bound" + entry, "is NaN")
-        _refuse_first_bad_entry(np.isnan(high), "upper bound" + entry, "is NaN")
-        _refuse_first_bad_entry(
-            low > high, "lower bound" + entry, "above the upper bound", low, high
-        )
-        if x is not None:
-            _refuse_first_bad_entry(
-                x < low, "params" + entry, "the start is below its lower bound", x, low
-            )
-            _refuse_first_bad_entry(
-                x > high, "params" + entry, "the start is above its upper bound", x, high
-            )
+        x = low if x is None else x
+        for bad, name, rule, *values in (
+            (np.isnan(low), "lower bound", "is NaN"),
+            (np.isnan(high), "upper bound", "is NaN"),
+            (low > high, "lower bound", "above the upper bound", low, high),
+            (x < low, "params", "the start is below its lower bound", x, low),
+            (x > high, "params", "the start is above its upper bound", x, high),
+        ):
+            if bad.any():
+                index = tuple(map(int, np.argwhere(bad)[0]))
+                where = f"{jax.tree_util.keystr(path)}{list(index) or ''}"
+                given, limit = [f"{v[index]:g}" for v in values] or ("", "")
+                shown = f" = {given}: {rule}, {limit}" if values else f": {rule}"
+                raise ValueError(f"{name}{where}{shown}")
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
     counts = tuple(leaf.size for leaf in jax.tree.leaves(params))
@@ -226,28 +226,14 @@ def unflatten_params(
 
     Floats get the dtypes of `params`; a flag for each parameter stays a bool.
     """
-    leaves, tree = jax.tree.flatten(params)
-    ends = np.cumsum([np.size(x) for x in leaves])
-    parts = [
-        flat[end - np.size(x) : end].reshape(np.shape(x))
-        for x, end in zip(leaves, ends, strict=True)
-    ]
-    if flat.dtype != bool:
-        parts = [part.astype(x.dtype) for part, x in zip(parts, leaves, strict=True)]
-    return tree.unflatten(parts)
+    ends = iter(np.cumsum([x.size for x in jax.tree.leaves(params)]))
 
+    def part(x):
+        end = next(ends)
+        own = flat[end - x.size : end].reshape(x.shape)
+        return own if own.dtype == bool else own.astype(x.dtype)
 
-def _refuse_first_bad_entry(bad, name, rule, *values):
-    """Raise ValueError for the first entry where `bad` is True; do nothing if there is none.
-
-    The message has the argument's `name`, the `rule` and the entry of both arrays in `values`.
-    """
-    if not np.any(bad):
-        return
-    index = tuple(int(i) for i in np.argwhere(bad)[0])
-    where = f"[{', '.join(map(str, index))}]" if index else ""
-    shown = f" = {values[0][index]:g}: {rule}, {values[1][index]:g}" if values else f": {rule}"
-    raise ValueError(f"{name}{where}{shown}")
+    return jax.tree.map(part, params)
 
 
 def check_call_arguments(

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.solution import Solution
-from ..common import checks, status
+from ..common import checks
 from ..common import jax_internals as internals
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
@@ -19,23 +18,16 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
-    BoxBounds,
     broadcast_to_params,
     check_call_arguments,
     check_search_arguments,
     flat_vector,
     unflatten_params,
 )
+from .constrained_search import ConstrainedSearch
 from .nlp_solvers import nlp_solver_by_name
-from .optimality import solve_kkt_conditions
 from .returned_values import loss_and_status
-from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
-
-_FIRST = 0.1  # part of the first loss that changes are compared with, see `minimum_criteria`
-_MAX_TRIALS = 20  # largest number of evaluations per allowed step, so that a library cannot loop
-# A run was of use if the KKT residual, or the violation, has fallen to below this part.
-_USEFUL = 0.5
-_SHORTER = 0.1  # first step of a run over that of the run before it
+from .trials import values_and_jacobian
 
 
 @pytree
@@ -81,16 +73,9 @@ class ConstrainedDesign:
 
 
 def minimize_subject_to(
-    problem: Callable[
-        ...,
-        tuple[Float[ArrayLike, ""], Float[ArrayLike, " n"]]
-        | tuple[
-            Float[ArrayLike, ""], Float[ArrayLike, " n"], PyTree[Solution | Int[ArrayLike, " ..."]]
-        ],
-    ],
+    problem: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     *,
     solver: str = "slsqp",
     rounds: int = 10,
@@ -158,16 +143,16 @@ def minimize_subject_to(
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
     start = flat_vector(params)
     traced = trace_function(functools.partial(_flat_problem, problem, params), start, args)
-    step = box.typical_sizes(start)
-    if scale is not None:
-        step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
 
     def evaluate(x):
         return _evaluate(traced, np.asarray(x, start.dtype), args)
 
-    doubles = BoxBounds(*(np.asarray(x, float) for x in (box.lower, box.upper)), box.counts)
-    search = _ConstrainedSearch(evaluate, doubles, params, float(tol), int(steps), listen)
-    end, code, count = search.run(solve, np.asarray(start, float), step.astype(float), int(rounds))
+    doubles = jax.tree.map(lambda x: np.asarray(x, float), (params, box))
+    search = ConstrainedSearch(evaluate, *doubles, tol, int(steps), listen)
+    step = box.typical_sizes(start)
+    if scale is not None:
+        step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
+    end, code, count = search.run_library(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(
         params=internals.as_jax_arrays(unflatten_params(end.x, params)),
@@ -180,107 +165,6 @@ def minimize_subject_to(
         failures=search.failures,
         kkt_residual=residual,
     )
-
-
-class _ConstrainedSearch(ScaledProblem):
-    """A search that runs an optimization library repeatedly until the KKT conditions hold.
-
-    Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.)
-
-    Args:
-        evaluate, box, params: as for `ScaledProblem`.
-        tol, steps: as for `minimize_subject_to`.
-        listen: function of a `progress.Step` that reports progress, or None.
-    """
-
-    def __init__(self, evaluate, box, params, tol, steps, listen):
-        super().__init__(evaluate, box, params, tol, self.report_accepted_point)
-        self.tol, self.steps, self.listen = tol, steps, listen
-        self.first = self.number = self.known = 0
-
-    def run(
-        self,
-        solve: Callable[[ScaledProblem, int, float], None],
-        start: Float[np.ndarray, " n"],
-        step: Float[np.ndarray, " n"],
-        rounds: int,
-    ) -> tuple[TrialPoint, int, int]:
-        """Run the library at most `rounds` times, first from a start.
-
-        Args:
-            solve: function of `nlp_solvers` that runs one library.
-            start: parameters, [n].
-            step: typical changes of the parameters in the first step, [n].
-            rounds: largest number of runs.
-
-        Returns:
-            The final point, the status, and the number of runs.
-        """
-        missing = np.inf
-        best = first = self.evaluate_at(start)
-        self.first, self.least = abs(best.loss), self.box.typical_sizes(start)
-        if best.failed:
-            return best, status.BAD_START, 0
-        self.report_accepted_point(best)
-        for number in range(1, rounds + 1):
-            steep = float(np.linalg.norm(best.gradient * step))
-            unit = 1 / (steep if steep > 0 else self.loss_size(best))
-            self.begin_run(best, step, unit, _MAX_TRIALS * self.steps)
-            with contextlib.suppress(RunEnded):
-                solve(self, self.steps, self.tol)
-            for point in (self.reached, self.best):
-                left = self.multipliers_and_residual(point)[1]
-                if point.violation <= 0 and left <= self.tol:
-                    return point, self._success_status(point, first), number
-            before, best = best, self.best
-            if best.violation > _USEFUL * before.violation > 0:
-                return best, status.CONSTRAINTS_VIOLATED, number
-            fallen = before.loss - best.loss > self.tol**2 * self.loss_size(best)
-            if not (fallen or left <= _USEFUL * missing or before.violation > 0):
-                return best, status.STALLED, number
-            missing, step = min(left, missing), _SHORTER * step
-        code = status.CONSTRAINTS_VIOLATED if best.violation > 0 else status.OUT_OF_STEPS
-        return best, code, rounds
-
-    def _success_status(self, point, first):
-        """Return the status for a final point that meets all conditions: OK, or STATIONARY.
-
-        It is STATIONARY if the point is the start `first`, and the gradient there is zero.
-        """
-        free = (point.x > self.box.lower) & (point.x < self.box.upper)
-        blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
-        return status.STATIONARY if blind else status.OK
-
-    def multipliers_and_residual(self, point: TrialPoint) -> tuple[np.ndarray, float]:
-        """Return the Lagrange multipliers at a point, [m], and its KKT residual over the loss."""
-        size = self.typical_sizes(point.x)
-        multipliers, residual = solve_kkt_conditions(point, self.box, size, self.tol)
-        return multipliers, residual / self.loss_size(point)
-
-    def typical_sizes(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the sizes of parameters at `x`, [n], at least those at the start."""
-        return np.maximum(self.least, self.box.largest_per_array(x))
-
-    def loss_size(self, point: TrialPoint) -> float:
-        """Return the size of the loss at a point, positive, which residuals are divided by.
-
-        It is the larger of the present loss and a part of that at the start; if both are zero, the
-        change of the loss by a change of one parameter by its typical size.
-        """
-        size = max(abs(point.loss), _FIRST * self.first)
-        return size or float(np.abs(point.gradient * self.typical_sizes(point.x)).max()) or 1.0
-
-    def report_accepted_point(self, point: TrialPoint) -> bool:
-        """Report progress at a point that the library has accepted; return whether to end the run.
-
-        It ends if the point meets all constraints and the KKT conditions.
-        """
-        residual = self.multipliers_and_residual(point)[1]
-        if self.listen is not None:
-            failures, self.known = self.failures - self.known, self.failures
-            self.listen(Step(self.number, self.steps, float(point.loss), residual, failures))
-        self.number += 1
-        return point.violation <= 0 and residual <= self.tol
 
 
 def _flat_problem(problem, params, x, args):

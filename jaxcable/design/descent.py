@@ -7,7 +7,6 @@ one flat vector here; only the optimizer gets them in the shape that users gave.
 from __future__ import annotations
 
 import collections
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,12 @@ from ..common import status
 from ..common.progress import Step
 from ..common.tree import pytree
 from ..common.types import Array, Float, Int
-from .minimum_criteria import AcceptedPoint, MinimumCriteria
-from .trials import Problem, TrialPoint
+from .minimum_criteria import MinimumCriteria
+from .trials import Search, TrialPoint
 
+# Typical change of a parameter over its size, by which the default optimizer scales: the length of
+# its first step, before L-BFGS has learned the curvature.
+_TYPICAL_CHANGE = 0.1
 _MEMORY = 10  # number of steps from which L-BFGS knows the curvature, the usual value
 _MAX_SHORTENED = 40  # how often a step is shortened before the search stalls: to below 1e-12 of it
 _PATIENCE = 10  # how often a step is shortened before L-BFGS starts again without its memory
@@ -67,10 +69,6 @@ class LimitedMemory:
     """
 
     def __init__(self) -> None:
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget all earlier steps."""
         self.changes: Any = collections.deque(maxlen=_MEMORY)
         self._last: Any = None
 
@@ -94,47 +92,37 @@ class LimitedMemory:
         return step
 
 
-class Descent:
+class Descent(Search):
     """The search of `minimize` for a minimum of one loss.
 
     Args:
-        problem: the loss and its gradient as a `Problem`.
-        criteria: `MinimumCriteria`, which decide on convergence.
-        scale: the optimizer gets the parameters divided by this, [n].
-        steps: largest number of accepted steps.
-        listen: function of a `progress.Step` that is called after every accepted step, or None.
+        given: arguments of `Search`.
+        scale: the optimizer gets the parameters divided by this, [n]; None for the default.
         propose: function of an `AcceptedPoint` to the step, [n], that a user's optimizer proposes;
             None for L-BFGS with a line search. It then must lower the loss.
 
     Attributes:
-        current, best: the last accepted point, and the accepted point of lowest loss.
-        rows: rows of the `History`.
+        current, best: the last accepted point, and the accepted point of lowest loss; or None.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        criteria: MinimumCriteria,
-        scale: Float[np.ndarray, " n"],
-        steps: int,
-        listen: Callable[[Step], Any] | None,
-        propose: Callable[[AcceptedPoint], Float[np.ndarray, " n"]] | None,
-    ):
-        self.problem, self.criteria, self.scale = problem, criteria, scale
-        self.steps, self.listen, self.propose = steps, listen, propose
-        self.memory, self._longest_step = LimitedMemory(), np.inf
-        self._noise = max(_NOISE, 64 * np.finfo(scale.dtype).eps)
-        self.rows: list[tuple[float, float, int, int, int]] = []
-        self.current: Any = None
-        self.best: Any = None
+    current: Any = None
+    best: Any = None
 
-    def run(self, start: Float[np.ndarray, " n"]) -> int:
-        """Search from a start, [n], and return the status."""
-        point = self.problem.evaluate_at(start)
+    def __init__(self, *given: Any, scale: Any, propose: Any):
+        super().__init__(*given)
+        sizes = self.box.typical_sizes(self.start)
+        self.scale = _TYPICAL_CHANGE * sizes if scale is None else scale
+        self.criteria, self.propose = MinimumCriteria(self.box, sizes, self.tol), propose
+        self.memory, self._longest_step = LimitedMemory(), np.inf
+        self._noise = max(_NOISE, 64 * np.finfo(self.scale.dtype).eps)
+
+    def run(self) -> int:
+        """Search, and return the status."""
+        point = self.evaluate_at(self.start)
         self.criteria.see(point)
         self._accept(point, 0, int(point.failed), point.code)
         if point.failed:
-            self.best = self.current._replace(point=point.without_values(), measure=np.nan)
+            self.best = None
             return status.BAD_START
         norm = np.linalg.norm(self.current.inside * self.scale)
         self._loss_factor = 1 / norm if norm > 0 else 1.0
@@ -153,8 +141,13 @@ class Descent:
             if number == self.steps and not (small and self.propose is None):
                 return status.OUT_OF_STEPS
             step = self._propose_step()
-            if small and self._is_converged_step(step):
-                return status.OK
+            if small and self.memory.changes:  # the whole step, by the curvature
+                change, slope = (
+                    self.box.project(before.x + step) - before.x,
+                    self.current.inside @ step,
+                )
+                if self.criteria.step_is_negligible(change, -slope, before):
+                    return status.OK
             if number == self.steps:
                 return status.OUT_OF_STEPS
             code = self._search_along(step)
@@ -168,13 +161,11 @@ class Descent:
         """
         before, self.current = self.current, self.criteria.assess(point)
         if before is not None and (before.blocked != self.current.blocked).any():
-            self.memory.forget()  # it was made with other entries
+            self.memory = LimitedMemory()  # it was made with other entries
         if self.best is None or not point.loss >= self.best.point.loss:
             self.best = self.current
-        self.rows.append((point.loss, self.current.measure, code, failures, shortened))
-        if self.listen is not None:
-            numbers = float(point.loss), float(self.current.measure)
-            self.listen(Step(len(self.rows) - 1, self.steps, *numbers, failures))
+        numbers = point.loss, self.current.measure
+        self.record((*numbers, code, failures, shortened), Step, *numbers, failures)
 
     def _propose_step(self):
         """Return the next step, [n], zero where blocked; without memory if that leads upward."""
@@ -186,19 +177,8 @@ class Descent:
             step = np.where(current.blocked, 0, self.memory.step(*given) * self.scale)
             if current.inside @ step < 0:
                 break
-            self.memory.forget()  # the memory of the curvature is misleading
+            self.memory = LimitedMemory()  # the memory of the curvature is misleading
         return step
-
-    def _is_converged_step(self, step):
-        """Return whether a step of L-BFGS, whole, by the curvature, promises next to nothing."""
-        x = self.current.point.x
-        return (
-            bool(self.memory.changes)
-            and self.criteria.decrease_is_small(
-                -(self.current.inside @ step), self.current.point.loss
-            )
-            and self.criteria.step_is_short(self.problem.box.project(x + step) - x, x)
-        )
 
     def _search_along(self, step):
         """Shorten a step until its end is accepted; return the status if no point is, else None."""
@@ -206,7 +186,7 @@ class Descent:
         length = self._longest_part(step)
         shortened = failures = code = 0
         while True:
-            point = self.problem.evaluate_at(x + length * step)
+            point = self.evaluate_at(x + length * step)
             self.criteria.see(point)
             failures, code = (failures + 1, point.code) if point.failed else (failures, code)
             accepted, factor = self._judge_trial(point)
@@ -218,7 +198,7 @@ class Descent:
                 return self._accept(point, shortened, failures, code)
             shortened += 1
             if self.propose is None and self.memory.changes and shortened >= _PATIENCE:
-                self.memory.forget()  # its step leads nowhere
+                self.memory = LimitedMemory()  # its step leads nowhere
                 step, shortened = self._propose_step(), 0
                 length = self._longest_part(step)
                 continue

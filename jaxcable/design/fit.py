@@ -6,20 +6,17 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.solution import Solution
-from ..common import checks, status
-from ..common import jax_internals as internals
-from ..common.progress import Trial, as_listener
+from ..common.progress import Trial
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
+    BoxBounds,
     check_call_arguments,
     check_search_arguments,
     flat_vector,
@@ -27,7 +24,7 @@ from .bounds import (
 )
 from .levenberg import FitHistory, LevenbergMarquardt
 from .returned_values import residuals_and_status
-from .trials import Problem, call_search, padded_columns, unevaluated_point, values_and_jacobian
+from .trials import call_search, unevaluated_point, values_and_jacobian
 
 
 @pytree
@@ -70,14 +67,9 @@ class Fit:
 
 
 def fit(
-    residuals: Callable[
-        ...,
-        PyTree[Float[ArrayLike, " ..."]]
-        | tuple[PyTree[Float[ArrayLike, " ..."]], PyTree[Solution | Int[ArrayLike, " ..."]]],
-    ],
+    residuals: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     *,
     steps: int = 100,
     tol: float | None = None,
@@ -154,9 +146,7 @@ def fit(
     traced = trace_function(
         functools.partial(_flat_residuals, residuals, params), flat_vector(params), args
     )
-    listen = as_listener(progress)
-    search = functools.partial(_search, steps=int(steps), listen=listen)
-    return call_search(search, (traced, args), (params, box), tol, listen is not None)
+    return call_search(_search, (traced, args), (params, box), tol, steps, progress)
 
 
 def _flat_residuals(residuals, params, x, args):
@@ -180,53 +170,40 @@ def _evaluate(residuals, args, x):
 def _search(residuals, args, params, box, tol, steps, listen):
     """Search as `fit` does, for known numbers."""
     evaluate = functools.partial(_evaluate, residuals, args)
-    return _search_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
+    return fit_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
 
 
 def fit_on_host(
-    evaluate: Callable[[Float[Array, " n"]], Sequence[Any]],
+    evaluate: Callable[[Float[np.ndarray, " n"]], Sequence[Any]],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[Any, Any] | None,
+    box: BoxBounds,
+    tol: Float[ArrayLike, ""],
     steps: int,
-    tol: float | None,
     listen: Callable[[Trial], Any] | None,
+    count: int = 0,
 ) -> Fit:
-    """Search as `fit` does, from Python, by a function that evaluates residuals and Jacobian.
+    """Search as `fit` does, for known numbers, and return a `Fit` of arrays of NumPy.
 
     Args:
         evaluate: function of the flat parameters [n] to the residuals, their Jacobian and the
             status code.
-        params, bounds, steps, tol: as for `fit`.
+        params, box, tol, steps: as for `fit`, checked.
         listen: function of a `progress.Trial` that is called after every trial point, or None.
+        count: number of residuals that are NaN if nothing is evaluated, because what was traced
+            is invalid.
     """
-    checks.require_whole_number(steps, "steps")
-    params, box, tol = check_search_arguments(params, bounds, tol)
-    return internals.as_jax_arrays(_search_on_host(evaluate, params, box, tol, steps, listen))
-
-
-def _search_on_host(evaluate, params, box, tol, steps, listen, count=0):
-    """Search by NumPy, and return the `Fit`; `evaluate` is as for `fit_on_host`.
-
-    Where numbers that were traced break a rule, nothing is evaluated: there are `count` residuals.
-    """
-    params, box = jax.tree.map(np.asarray, (params, box))
-    start, problem = flat_vector(params), Problem(evaluate, box, params)
-    search = LevenbergMarquardt(problem, float(tol), steps, listen)
-    code = box.input_status(start, tol)
-    with np.errstate(all="ignore"):
-        if code == status.OK:
-            code = search.run(start)
-        else:
-            search.accept(unevaluated_point(start, count, code))
-    point, real, whole = search.point, start.dtype, np.int32
+    search = LevenbergMarquardt(evaluate, params, box, tol, steps, listen)
+    code = search.status()
+    point = search.point or unevaluated_point(search.start, count, code)
+    blocked, without_influence = search.blocked_and_without_influence(point)
     return Fit(
         params=unflatten_params(point.x, params),
         residual=point.values,
         jacobian=point.jacobian,
         misfit=np.linalg.norm(point.values),
-        free=unflatten_params(~search.blocked, params),
-        without_influence=unflatten_params(search.without_influence, params),
-        history=FitHistory(*padded_columns(search.rows, (real, whole, real, whole), steps + 1)),
-        status=whole(code),
-        steps=whole(max(len(search.rows) - 1, 0)),
+        free=unflatten_params(~blocked, params),
+        without_influence=unflatten_params(without_influence, params),
+        history=FitHistory(*search.history(True, False, True, False)),
+        status=np.int32(code),
+        steps=np.int32(max(len(search.rows) - 1, 0)),
     )

@@ -6,7 +6,6 @@ steps: scaled by their own norms, as the method scales columns, they would lead 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ import numpy as np
 from ..common import status
 from ..common.progress import Trial
 from ..common.tree import pytree
-from ..common.types import Array, Float, Int
-from .trials import Problem, TrialPoint
+from ..common.types import Array, Bool, Float, Int
+from .trials import Search, TrialPoint, unevaluated_point
 
 _FIRST_DAMPING = 1e-3  # columns of the scaled Jacobian have norms of at most 1: nearly a whole step
 _SINGULAR = 1e-12  # damping of a whole step: it leaves out smaller squared singular values
@@ -53,60 +52,46 @@ class FitHistory:
     status: Int[Array, " steps+1"]
 
 
-class LevenbergMarquardt:
+class LevenbergMarquardt(Search):
     """The Levenberg-Marquardt method of `fit`.
 
-    Args:
-        problem: residuals and Jacobian as a `Problem`.
-        tol: tolerance of convergence, as in `fit`.
-        steps: largest number of trial points after the start.
-        listen: function of a `progress.Trial` that is called after every trial point, or None.
-
     Attributes:
-        point: the last accepted `TrialPoint`.
-        blocked, without_influence: parameters that a bound blocks there, and that have no influence
-            on the residuals, [n] bool each.
-        rows: rows of the `FitHistory`.
+        point: the last accepted `TrialPoint`, or None.
     """
 
-    def __init__(
-        self, problem: Problem, tol: float, steps: int, listen: Callable[[Trial], Any] | None
-    ):
-        self.problem, self.box = problem, problem.box
-        self.tol, self.steps, self.listen = tol, steps, listen
-        self.rows: list[tuple[float, int, float, int]] = []
+    point: Any = None
 
-    def run(self, start: Float[np.ndarray, " n"]) -> int:
-        """Search from a start, [n], and return the status."""
-        point = self.problem.evaluate_at(start)
+    def run(self) -> int:
+        """Search, and return the status."""
+        point = self.evaluate_at(self.start)
         self._record(point, not point.failed, _FIRST_DAMPING)
         if point.failed:
-            self.accept(point.without_values())
+            self.point = unevaluated_point(point.x, len(point.values), point.code)
             return status.BAD_START
-        self._first, self._size = _misfit(point), np.zeros_like(point.x)
+        self._first, self._size = np.linalg.norm(point.values), np.zeros_like(point.x)
         self._least = np.finfo(point.x.dtype).eps * self._array_norms(point.x)
-        self.accept(point)
+        self._accept(point)
         code = self._status_of_start()
         return self._search() if code is None else code
 
-    def accept(self, point: TrialPoint) -> None:
+    def _accept(self, point):
         """Go on from a trial point."""
         self.point = point
-        self.blocked = self.box.blocked_entries(point.x, point.values @ point.jacobian)
-        self.without_influence = self._lacks_influence(*point[:3])
-        self._held = self.blocked | self.without_influence
+        self._size = np.maximum(self._size, np.linalg.norm(point.jacobian, axis=0))
+        self._held = np.logical_or(*self.blocked_and_without_influence(point))
 
     def _status_of_start(self):
         """Return the status of a search that ends at the start; None if it goes on."""
-        has_misfit = (self.point.values != 0).any()
+        has_misfit = self._first > 0
+        blocked = self.blocked_and_without_influence(self.point)[0]
         # if no parameter can be changed this is no minimum
-        if has_misfit and self._held.all() and not self.blocked.all():
+        if has_misfit and self._held.all() and not blocked.all():
             return status.STALLED
         if not self._has_converged(tried=False):
             return None
         # a start without slope may as well be a maximum, but for one without a misfit
-        level = self.blocked | (self.point.values @ self.point.jacobian == 0)
-        blind = has_misfit and level.all() and not self.blocked.all()
+        level = blocked | (self.point.values @ self.point.jacobian == 0)
+        blind = has_misfit and level.all() and not blocked.all()
         return status.STATIONARY if blind else status.OK
 
     def _search(self):
@@ -120,13 +105,13 @@ class LevenbergMarquardt:
                 return status.STALLED
             change = before.jacobian @ (x - before.x)
             promised = -(before.values @ change) - 0.5 * (change @ change)
-            point = self.problem.evaluate_at(x)
+            point = self.evaluate_at(x)
             squares, new = (0.5 * (r @ r) for r in (before.values, point.values))
             fallen = squares - new
             accepted = not point.failed and promised > 0 and fallen > _ACCEPTABLE * promised
             self._record(point, accepted, damping)
             if accepted:
-                self.accept(point)
+                self._accept(point)
                 factor = 1 - (2 * fallen / promised - 1) ** 3
                 damping, growth = damping * max(_LEAST_FACTOR, factor), 2.0
             else:
@@ -142,11 +127,9 @@ class LevenbergMarquardt:
 
     def _record(self, point, accepted, damping):
         """Add a trial point to the history, and report it."""
-        misfit = np.nan if point.failed else _misfit(point)
-        self.rows.append((misfit, int(accepted), damping, point.code))
-        if self.listen is not None:
-            number = len(self.rows) - 1
-            self.listen(Trial(number, self.steps, float(misfit), int(accepted), point.code))
+        misfit = np.nan if point.failed else np.linalg.norm(point.values)
+        news = misfit, int(accepted), point.code
+        self.record((misfit, int(accepted), damping, point.code), Trial, *news)
 
     def _has_converged(self, tried=True, refused=False, only_noise=False):
         """Return whether the last accepted point meets a criterion of convergence of `fit`.
@@ -183,7 +166,6 @@ class LevenbergMarquardt:
         again.
         """
         x, residual, jacobian, _ = self.point
-        self._size = np.maximum(self._size, np.linalg.norm(jacobian, axis=0))
         move, stopped = np.zeros_like(x), self._held
         for _ in range(_MAX_ROUNDS):
             known = np.where(stopped, move, 0)
@@ -198,29 +180,28 @@ class LevenbergMarquardt:
             move, stopped = trial - x, stopped | beyond
         return trial
 
-    def _lacks_influence(self, x, residual, jacobian):
-        """Return which parameters have no influence on the residuals, to rounding, [n] bool.
+    def blocked_and_without_influence(
+        self, point: TrialPoint
+    ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Return which parameters a bound blocks, and which have no influence, [n] bool each.
 
-        These are parameters whose change by their whole size (that of their array, or the range
-        between their bounds if it is larger) changes the residuals by less than 4096 eps of their
-        norm and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do not
-        matter.
+        Without influence on the residuals, to rounding, are parameters whose change by their whole
+        size (that of their array, or the range between their bounds if it is larger) changes the
+        residuals by less than 4096 eps of their norm and of what any other parameter contributes to
+        them, ``|J_k| |x_k|``. Units do not matter.
         """
+        x, residual, jacobian, _ = point
         columns = np.linalg.norm(jacobian, axis=0)
         span = self.box.upper - self.box.lower
         whole = np.maximum(self._array_norms(x), np.where(np.isfinite(span), span, 0))
         beside = max(np.linalg.norm(residual), np.max(columns * np.abs(x)))
         little = columns * whole <= _ROUNDING * np.finfo(x.dtype).eps * beside
-        return (columns == 0) | ((whole > 0) & little)
+        blocked = self.box.blocked_entries(x, residual @ jacobian)
+        return blocked, (columns == 0) | ((whole > 0) & little)
 
     def _array_norms(self, x):
         """Return, for every parameter, the norm of the array that contains it, [n]."""
         return self.box.norm_per_array(np.linalg.norm, x)
-
-
-def _misfit(point):
-    """Return the Euclidean norm of the residuals at a `TrialPoint`."""
-    return np.linalg.norm(point.values)
 
 
 def _solve_damped_step(residual, jacobian, size, damping, blocked):

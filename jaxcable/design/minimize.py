@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -11,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step, as_listener
+from ..common.progress import Step
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..programs.program_calls import as_program
@@ -26,13 +24,8 @@ from .bounds import (
     unflatten_params,
 )
 from .descent import Descent, History
-from .minimum_criteria import MinimumCriteria
 from .returned_values import loss_and_status
-from .trials import Problem, call_search, padded_columns, unevaluated_point
-
-# Typical change of a parameter over its size, by which the default optimizer scales: the length of
-# its first step, before L-BFGS has learned the curvature.
-_TYPICAL_CHANGE = 0.1
+from .trials import call_search, unevaluated_point
 
 
 @pytree
@@ -78,14 +71,9 @@ class Design:
 
 
 def minimize(
-    loss: Callable[
-        ...,
-        Float[ArrayLike, ""]
-        | tuple[Float[ArrayLike, ""], PyTree[Solution | Int[ArrayLike, " ..."]]],
-    ],
+    loss: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     optimizer: optax.GradientTransformation | None = None,
     *,
     steps: int = 100,
@@ -195,9 +183,7 @@ def minimize(
     own = None
     if optimizer is not None:
         own = _trace_optimizer(optimizer, traced, args, params, box)
-    listen = as_listener(progress)
-    search = functools.partial(_search, steps=int(steps), listen=listen)
-    return call_search(search, (traced, own, args), (params, box, scale), tol, listen is not None)
+    return call_search(_search, (traced, own, args), (params, box, scale), tol, steps, progress)
 
 
 def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
@@ -207,34 +193,29 @@ def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
     `_trace_optimizer`, or None. Where numbers that were traced break a rule nothing is evaluated.
     """
     params, box, scale = jax.tree.map(np.asarray, (params, box, scale))
-    start = flat_vector(params)
-    sizes = box.typical_sizes(start)
-    scale = _TYPICAL_CHANGE * sizes if scale is None else flat_vector(scale)
-    problem = Problem(lambda x: _evaluate(loss, x, args), box, params)
-    criteria = MinimumCriteria(box, sizes, float(tol))
+    scale = None if scale is None else flat_vector(scale)
     propose = None
     if optimizer is not None:
-        propose = _steps_of_optimizer(*optimizer, start, (loss, args, box, scale))
-    search = Descent(problem, criteria, scale, steps, listen, propose)
-    code = box.input_status(start, tol)
-    with np.errstate(all="ignore"):
-        if code == status.OK:
-            code = search.run(start)
-    converged = code in (status.OK, status.STATIONARY)
-    end = search.current if converged else search.best
-    point = unevaluated_point(start, 1, code) if end is None else end.point
-    real, whole = start.dtype, np.int32
-    columns = padded_columns(search.rows, (real, real, whole, whole, whole), steps + 1)
+        propose = _steps_of_optimizer(*optimizer, (loss, args, box, scale))
+
+    def evaluate(x):
+        return _evaluate(loss, x, args)
+
+    given = evaluate, params, box, tol, steps, listen
+    search = Descent(*given, scale=scale, propose=propose)
+    code = search.status()
+    end = search.current if code in (status.OK, status.STATIONARY) else search.best
+    point = unevaluated_point(search.start, 1, code) if end is None else end.point
     return Design(
         params=unflatten_params(point.x, params),
         loss=point.loss,
         gradient=unflatten_params(point.gradient, params),
-        gradient_norm=real.type(np.nan if end is None else end.measure),
-        history=History(*columns),
-        status=whole(code),
-        steps=whole(max(len(search.rows) - 1, 0)),
-        evaluations=whole(problem.evaluations),
-        failures=whole(problem.failures),
+        gradient_norm=point.loss * np.nan if end is None else end.measure,
+        history=History(*search.history(True, True, False, False, False)),
+        status=np.int32(code),
+        steps=np.int32(max(len(search.rows) - 1, 0)),
+        evaluations=np.int32(search.evaluations),
+        failures=np.int32(search.failures),
     )
 
 
@@ -274,7 +255,7 @@ def _trace_optimizer(optimizer, loss, args, params, box):
     return first, trace_function(update, *given)
 
 
-def _steps_of_optimizer(init, update, start, given):
+def _steps_of_optimizer(init, update, given):
     """Return a function of an accepted point to the step, [n], that a user's optimizer proposes.
 
     `init` and `update` are of `_trace_optimizer`; `given` are the first arguments of `update`.
@@ -283,10 +264,10 @@ def _steps_of_optimizer(init, update, start, given):
 
     def propose(current):
         nonlocal state
+        x, loss = current.point.x, current.point.loss
         if state is None:
-            state = evaluate_traced(init, start, given[-1])
-        x, loss, gradient = current.point.x, current.point.loss, current.inside
-        step, state = evaluate_traced(update, *given, x, loss, gradient, state)
+            state = evaluate_traced(init, x, given[-1])
+        step, state = evaluate_traced(update, *given, x, loss, current.inside, state)
         return np.asarray(step)
 
     return propose

@@ -87,7 +87,7 @@ class MinimumCriteria:
         least = _FIRST * abs(first)
         against = max(abs(loss), least) if loss <= first else least
         measure = largest / against if largest > 0 else 0 * largest
-        beside, zero = promises <= self.tol * abs(loss), self.loss_is_zero(loss)
+        beside, zero = promises <= self.tol * abs(loss), self._is_zero(loss)
         surely, at_rest = (
             measure <= self.tol
             and (zero or (beside | (np.abs(inside) <= part * self.steepest)).all())
@@ -95,7 +95,7 @@ class MinimumCriteria:
         )
         return AcceptedPoint(point, blocked, inside, measure, surely, at_rest)
 
-    def loss_is_zero(self, loss: Any) -> bool:
+    def _is_zero(self, loss):
         """Return whether a loss counts as zero: at most tol^3 of that at the start."""
         return abs(loss) <= self.tol**3 * abs(self.first)
 
@@ -109,25 +109,24 @@ class MinimumCriteria:
         allowed = np.maximum(self.box.largest_per_array(x), self.tol * self.floor)
         return bool((np.abs(step) <= np.sqrt(self.tol) * allowed).all())
 
-    def decrease_is_small(self, promised: Any, loss: Any) -> bool:
-        """Return whether a predicted decrease `promised` is negligible beside the `loss`.
+    def step_is_negligible(
+        self, step: Float[np.ndarray, " n"], promised: Any, point: TrialPoint
+    ) -> bool:
+        """Return whether a step [n] from a point is short, and the decrease that it promises small.
 
-        It is, too, if the loss is zero beside that at the start.
+        It is small beside the loss, or if the loss is zero beside that at the start.
         """
-        return bool(promised <= self.tol * abs(loss) or self.loss_is_zero(loss))
+        small = promised <= self.tol * abs(point.loss) or self._is_zero(point.loss)
+        return bool(small and self.step_is_short(step, point.x))
 
-    def minimum_is_near(self, before: TrialPoint, point: AcceptedPoint) -> bool:
+    def minimum_is_near(self, before: TrialPoint, accepted: AcceptedPoint) -> bool:
         """Return whether the minimum along the step from `before` to a point is near this point.
 
         It is found by the secant method.
         """
-        end = point.point
-        moved = np.where(point.blocked, 0, end.x - before.x)
-        slope = end.gradient @ moved
+        point = accepted.point
+        moved = np.where(accepted.blocked, 0, point.x - before.x)
+        slope = point.gradient @ moved
         bend = slope - before.gradient @ moved
-        if not bend > 0:
-            return False
         left = abs(slope) / bend
-        return self.step_is_short(left * moved, end.x) and self.decrease_is_small(
-            left * abs(slope), end.loss
-        )
+        return bool(bend > 0 and self.step_is_negligible(left * moved, left * abs(slope), point))
