@@ -147,8 +147,8 @@ def minimize_subject_to(
     def evaluate(x):
         return _evaluate(traced, np.asarray(x, start.dtype), args)
 
-    doubles = jax.tree.map(lambda x: np.asarray(x, float), (params, box))
-    search = ConstrainedSearch(evaluate, *doubles, tol, int(steps), listen)
+    doubles: Any = jax.tree.map(lambda x: np.asarray(x, float), (params, box))
+    search = ConstrainedSearch(evaluate, doubles[0], doubles[1], tol, int(steps), listen)
     step = box.typical_sizes(start)
     if scale is not None:
         step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))

@@ -101,7 +101,7 @@ def fit(
             and False: as for `solve`.
 
     Returns:
-        `Fit`. Works under jit and vmap; differentiating it is an error.
+        `Fit`. Works under jit and vmap, as `minimize` does; differentiating it is an error.
 
     Raises:
         ValueError: residuals that are no floats, lower bounds above upper ones, or a start
@@ -194,16 +194,18 @@ def fit_on_host(
     """
     search = LevenbergMarquardt(evaluate, params, box, tol, steps, listen)
     code = search.status()
-    point = search.point or unevaluated_point(search.start, count, code)
+    point: Any = search.point or unevaluated_point(search.start, count, code)
+    misfit: Any = np.linalg.norm(point.values)
+    whole: Any = np.int32
     blocked, without_influence = search.blocked_and_without_influence(point)
     return Fit(
         params=unflatten_params(point.x, params),
         residual=point.values,
         jacobian=point.jacobian,
-        misfit=np.linalg.norm(point.values),
+        misfit=misfit,
         free=unflatten_params(~blocked, params),
         without_influence=unflatten_params(without_influence, params),
         history=FitHistory(*search.history(True, False, True, False)),
-        status=np.int32(code),
-        steps=np.int32(max(len(search.rows) - 1, 0)),
+        status=whole(code),
+        steps=whole(max(len(search.rows) - 1, 0)),
     )

@@ -111,8 +111,9 @@ def minimize(
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
-    Called from Python, every trial point is a program of the loss and its gradient; within jit and
-    vmap the whole search is a part of the program.
+    The search is a loop on the host, and every trial point a program of the loss and its gradient.
+    Mapped cases are searched one after the other. Within `jit` the program calls the search, which
+    NumPy computes then: a loss that takes long is faster outside.
 
     Raises:
         ValueError: no optax transformation, a loss that is no scalar, lower bounds above upper

@@ -148,7 +148,7 @@ class Search:
             numbers = (np.asarray(x).item() for x in news)
             self.listen(kind(len(self.rows) - 1, self.steps, *numbers))
 
-    def history(self, *is_float: bool) -> list[np.ndarray]:
+    def history(self, *is_float: bool) -> list[Any]:
         """Return the columns of the history, [steps + 1]: floats padded with NaN, integers with -1.
 
         `is_float` says of each number of a row whether it is a float.

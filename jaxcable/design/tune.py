@@ -118,7 +118,7 @@ def tune(
     The first call traces programs of results and derivatives, which takes about three times as
     long as the first `solve`, and longer if a cable goes slack (see `smooth`). Other numbers, and
     other targets of displacements, positions and tensions, do not trace them again. (Inside of
-    jit and vmap, and with more than 256 unknowns, it is `fit`, which is traced at each call.)
+    jit and vmap, and with more than 256 unknowns, it is `fit`, which traces at each call.)
 
     Args:
         structure, phases: as for `solve`.

@@ -38,7 +38,10 @@ def run_search(
         like: pytree of arrays or of `jax.ShapeDtypeStruct` in the shapes and dtypes of the result.
         reports: whether the search reports progress.
     """
+    tree: Any
+    result_tree: Any
     leaves, tree = jax.tree.flatten(problem)
+    shapes, result_tree = jax.tree.flatten(like)
     is_known = not any(isinstance(x, jax.core.Tracer) for x in leaves)
     if is_known and internals.is_untransformed():
         return search(problem)
@@ -46,11 +49,9 @@ def run_search(
     def flat(*leaves):
         return jax.tree.leaves(search(tree.unflatten(leaves)))
 
-    own = _SearchCall(
-        flat, [internals.abstract_argument(x) for x in jax.tree.leaves(like)], reports
-    )
+    own = _SearchCall(flat, list(map(internals.abstract_argument, shapes)), reports)
     found = _SEARCH.bind(*map(internals.as_operand, leaves), call=own)
-    return jax.tree.structure(like).unflatten(found)
+    return result_tree.unflatten(found)
 
 
 @internals.held_weakly
