@@ -207,7 +207,7 @@ def report_increment(
         traced: the other fields, which the program computes, a dict of scalars.
     """
     if listen is SHOW:  # by name, so that the program can be kept on disk
-        words = [make_printing_reporter, str(phases), *traced]
+        words: list[Any] = [make_printing_reporter, str(phases), *traced]
         host_calls.call_without_results(words, *traced.values())
         return
     jax.debug.callback(_make_reporter(listen, phases, tuple(traced)), *traced.values())

@@ -8,7 +8,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from ..common import checks, status
 from ..common import rules as _rules
@@ -209,14 +208,12 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
 
 def flat_vector(tree: PyTree[Float[ArrayLike, " ..."]]) -> Float[ArrayLike, " n"]:
-    """Return all numbers of a pytree as one array [n], in the order of `ravel_pytree`.
+    """Return all numbers of a pytree as one array [n], one array of it after the other.
 
     That of known numbers is joined by NumPy: nothing is compiled.
     """
-    leaves = jax.tree.leaves(tree)
-    if any(isinstance(x, jax.core.Tracer) for x in leaves):
-        return ravel_pytree(tree)[0]
-    return np.concatenate([np.ravel(x) for x in leaves])
+    xp = checks.numpy_or_jax(tree)
+    return xp.concatenate([xp.ravel(x) for x in jax.tree.leaves(tree)])
 
 
 def unflatten_params(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -41,16 +40,13 @@ class ConstrainedSearch(Search):
     are those of `Search`, all floats double precision.
 
     Attributes:
-        best: the point of lowest loss that meets all constraints; if none does, that of the
+        best: the `TrialPoint` of lowest loss that meets all constraints; if none does, that of the
             smallest violation.
         reached: the last point that the library has accepted.
-        first, last, sound: the start, the last trial point, and the last one that has not failed.
+        first, current: the start, and the last trial point.
+        sound: the last trial point that has not failed.
         scaled_start, lower, upper: scaled start and bounds as the library gets them, [n].
     """
-
-    best: Any = None
-    last: Any = None
-    sound: Any = None
 
     def run_library(
         self,
@@ -144,12 +140,12 @@ class ConstrainedSearch(Search):
         Evaluating the last point again costs nothing.
         """
         # libraries leave bounds by rounding; numbers belong to the point within, which is kept
-        if self.last is None or (self.box.project(x) != self.last.x).any():
-            self.last = super().evaluate_at(x)
-            if not self.last.failed:
-                self.sound = self.last
-                self.best = self.last if self.last.is_better_than(self.best) else self.best
-        return self.last
+        if self.current is None or (self.box.project(x) != self.current.x).any():
+            self.current = super().evaluate_at(x)
+            if not self.current.failed:
+                self.sound = self.current
+                self.best = self.sound if self.sound.is_better_than(self.best) else self.best
+        return self.current
 
     def evaluate_scaled(self, y: Float[np.ndarray, " n"]) -> TrialPoint:
         """Evaluate the problem at scaled parameters y, [n], at a bound with exactly that bound.

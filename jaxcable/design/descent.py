@@ -93,33 +93,28 @@ class LimitedMemory:
 
 
 class Descent(Search):
-    """The search of `minimize` for a minimum of one loss.
+    """The search of `minimize` for a minimum of one loss; its points are of `AcceptedPoint`.
 
     Args:
         given: arguments of `Search`.
         scale: the optimizer gets the parameters divided by this, [n]; None for the default.
         propose: function of an `AcceptedPoint` to the step, [n], that a user's optimizer proposes;
             None for L-BFGS with a line search. It then must lower the loss.
-
-    Attributes:
-        current, best: the last accepted point, and the accepted point of lowest loss; or None.
     """
-
-    current: Any = None
-    best: Any = None
 
     def __init__(self, *given: Any, scale: Any, propose: Any):
         super().__init__(*given)
         sizes = self.box.typical_sizes(self.start)
         self.scale = _TYPICAL_CHANGE * sizes if scale is None else scale
-        self.criteria, self.propose = MinimumCriteria(self.box, sizes, self.tol), propose
+        self.sizes, self.propose = sizes, propose
         self.memory, self._longest_step = LimitedMemory(), np.inf
         self._noise = max(_NOISE, 64 * np.finfo(self.scale.dtype).eps)
 
     def run(self) -> int:
         """Search, and return the status."""
         point = self.evaluate_at(self.start)
-        self.criteria.see(point)
+        known = point.loss, np.abs(point.gradient)
+        self.criteria = MinimumCriteria(self.box, self.sizes, self.tol, *known)
         self._accept(point, 0, int(point.failed), point.code)
         if point.failed:
             self.best = None
@@ -142,11 +137,8 @@ class Descent(Search):
                 return status.OUT_OF_STEPS
             step = self._propose_step()
             if small and self.memory.changes:  # the whole step, by the curvature
-                change, slope = (
-                    self.box.project(before.x + step) - before.x,
-                    self.current.inside @ step,
-                )
-                if self.criteria.step_is_negligible(change, -slope, before):
+                moved = self.box.project(before.x + step) - before.x
+                if self.criteria.step_is_negligible(moved, -self.current.inside @ step, before):
                     return status.OK
             if number == self.steps:
                 return status.OUT_OF_STEPS
@@ -187,8 +179,10 @@ class Descent(Search):
         shortened = failures = code = 0
         while True:
             point = self.evaluate_at(x + length * step)
-            self.criteria.see(point)
-            failures, code = (failures + 1, point.code) if point.failed else (failures, code)
+            if point.failed:
+                failures, code = failures + 1, point.code
+            else:
+                self.criteria.steepest = np.maximum(self.criteria.steepest, np.abs(point.gradient))
             accepted, factor = self._judge_trial(point)
             if accepted:
                 # an analysis will fail again where it has failed: bound steps by the last length

@@ -194,7 +194,7 @@ def fit_on_host(
     """
     search = LevenbergMarquardt(evaluate, params, box, tol, steps, listen)
     code = search.status()
-    point: Any = search.point or unevaluated_point(search.start, count, code)
+    point: Any = search.current or unevaluated_point(search.start, count, code)
     misfit: Any = np.linalg.norm(point.values)
     whole: Any = np.int32
     blocked, without_influence = search.blocked_and_without_influence(point)

@@ -6,8 +6,6 @@ steps: scaled by their own norms, as the method scales columns, they would lead 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..common import status
@@ -53,20 +51,14 @@ class FitHistory:
 
 
 class LevenbergMarquardt(Search):
-    """The Levenberg-Marquardt method of `fit`.
-
-    Attributes:
-        point: the last accepted `TrialPoint`, or None.
-    """
-
-    point: Any = None
+    """The Levenberg-Marquardt method of `fit`; `current` is a `TrialPoint`."""
 
     def run(self) -> int:
         """Search, and return the status."""
         point = self.evaluate_at(self.start)
         self._record(point, not point.failed, _FIRST_DAMPING)
         if point.failed:
-            self.point = unevaluated_point(point.x, len(point.values), point.code)
+            self.current = unevaluated_point(point.x, len(point.values), point.code)
             return status.BAD_START
         self._first, self._size = np.linalg.norm(point.values), np.zeros_like(point.x)
         self._least = np.finfo(point.x.dtype).eps * self._array_norms(point.x)
@@ -76,30 +68,30 @@ class LevenbergMarquardt(Search):
 
     def _accept(self, point):
         """Go on from a trial point."""
-        self.point = point
+        self.current = point
         self._size = np.maximum(self._size, np.linalg.norm(point.jacobian, axis=0))
         self._held = np.logical_or(*self.blocked_and_without_influence(point))
 
     def _status_of_start(self):
         """Return the status of a search that ends at the start; None if it goes on."""
         has_misfit = self._first > 0
-        blocked = self.blocked_and_without_influence(self.point)[0]
+        blocked = self.blocked_and_without_influence(self.current)[0]
         # if no parameter can be changed this is no minimum
         if has_misfit and self._held.all() and not blocked.all():
             return status.STALLED
         if not self._has_converged(tried=False):
             return None
         # a start without slope may as well be a maximum, but for one without a misfit
-        level = blocked | (self.point.values @ self.point.jacobian == 0)
+        level = blocked | (self.current.values @ self.current.jacobian == 0)
         blind = has_misfit and level.all() and not blocked.all()
         return status.STATIONARY if blind else status.OK
 
     def _search(self):
         """Go from trial point to trial point, and return the status at the end."""
         damping, growth = _FIRST_DAMPING, 2.0
-        noise = max(_NOISE, 64 * np.finfo(self.point.x.dtype).eps)
+        noise = max(_NOISE, 64 * np.finfo(self.current.x.dtype).eps)
         for _ in range(self.steps):
-            before = self.point
+            before = self.current
             x = self._trial_point_within_bounds(damping)
             if not self.rows[-1][1] and (x == before.x).all():
                 return status.STALLED
@@ -142,7 +134,7 @@ class LevenbergMarquardt(Search):
             only_noise: whether the squared misfit changed there by no more than the noise of an
                 analysis, and the linear model had predicted no more than that either.
         """
-        x, residual, jacobian, _ = self.point
+        x, residual, jacobian, _ = self.current
         size = np.linalg.norm(jacobian, axis=0)
         whole = _solve_damped_step(residual, jacobian, size, _SINGULAR, self._held)
         misfit = np.linalg.norm(residual)
@@ -165,7 +157,7 @@ class LevenbergMarquardt(Search):
         A parameter that meets a bound stops there; the step of the other ones is then computed
         again.
         """
-        x, residual, jacobian, _ = self.point
+        x, residual, jacobian, _ = self.current
         move, stopped = np.zeros_like(x), self._held
         for _ in range(_MAX_ROUNDS):
             known = np.where(stopped, move, 0)

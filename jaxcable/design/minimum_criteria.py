@@ -37,7 +37,7 @@ class AcceptedPoint(NamedTuple):
     point: TrialPoint
     blocked: Bool[np.ndarray, " n"]
     inside: Float[np.ndarray, " n"]
-    measure: Any
+    measure: float
     small: bool
     at_rest: bool
 
@@ -50,8 +50,6 @@ class MinimumCriteria:
         box: `BoxBounds` of the flat parameters.
         floor: typical sizes of the parameters at the start, [n]; sizes never count as smaller.
         tol: largest dimensionless gradient (`assess`) at convergence.
-
-    Attributes:
         first: loss at the start.
         steepest: largest absolute value that each entry of the gradient has had, [n].
     """
@@ -59,15 +57,8 @@ class MinimumCriteria:
     box: BoxBounds
     floor: Float[np.ndarray, " n"]
     tol: float
-    first: Any = None
-    steepest: Any = 0.0
-
-    def see(self, point: TrialPoint) -> None:
-        """Note the first loss, and gradients, of points at which the analysis succeeds."""
-        if self.first is None:
-            self.first = point.loss
-        if not point.failed:
-            self.steepest = np.maximum(self.steepest, np.abs(point.gradient))
+    first: float
+    steepest: Float[np.ndarray, " n"]
 
     def assess(self, point: TrialPoint) -> AcceptedPoint:
         """Compute the dimensionless size of the gradient at a point, and judge whether it is small.

@@ -100,6 +100,7 @@ class Search:
         start: the start, [n].
         evaluations, failures: numbers of trial points, and of those that have failed.
         rows: rows of the history, numbers.
+        current, best: the last accepted point and the best one, records of the search; or None.
     """
 
     def __init__(
@@ -115,6 +116,8 @@ class Search:
         self.start: Any = flat_vector(self.params)
         self.evaluate, self.tol, self.steps, self.listen = evaluate, float(tol), steps, listen
         self.evaluations = self.failures = 0
+        self.current: Any = None
+        self.best: Any = None
         self.rows: list[tuple[float, ...]] = []
 
     def status(self) -> int:

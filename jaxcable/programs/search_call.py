@@ -34,7 +34,7 @@ def run_search(
     Args:
         search: function of a pytree of known arrays to a pytree of arrays. It must not call jax but
             by functions of `as_program`.
-        problem: pytree of arrays.
+        problem: pytree of arrays. Random keys in it become their data where numbers are traced.
         like: pytree of arrays or of `jax.ShapeDtypeStruct` in the shapes and dtypes of the result.
         reports: whether the search reports progress.
     """
@@ -50,8 +50,15 @@ def run_search(
         return jax.tree.leaves(search(tree.unflatten(leaves)))
 
     own = _SearchCall(flat, list(map(internals.abstract_argument, shapes)), reports)
-    found = _SEARCH.bind(*map(internals.as_operand, leaves), call=own)
+    operands = map(internals.as_operand, leaves)
+    found = _SEARCH.bind(*map(_without_keys, operands), call=own)
     return result_tree.unflatten(found)
+
+
+def _without_keys(x):
+    """Return the data of random keys, of which NumPy knows nothing; other arrays as they are."""
+    is_key = jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
+    return jax.random.key_data(x) if is_key else x
 
 
 @internals.held_weakly

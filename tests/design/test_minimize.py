@@ -15,6 +15,7 @@ from scipy import optimize
 
 import jaxcable as jc
 from jaxcable.common import status
+from jaxcable.design.descent import LimitedMemory
 
 X0 = jnp.array([-1.2, 1.0, -1.2, 1.0])
 UPPER = jnp.array([0.5, 2.0, 0.3, 2.0])
@@ -107,6 +108,19 @@ def test_starts_that_tell_no_size(optimizer):
     for start in (0.0, 1e-6, 1e-9, 1e-13):
         design = jc.minimize(bowl, start * jnp.ones(2), optimizer=optimizer, steps=2000)
         assert int(design.status) == 0 and jnp.abs(design.params - 3).max() < 1e-6
+
+
+def test_quasi_newton_steps_are_those_of_optax():
+    """With more steps than are in the memory."""
+    rng = np.random.default_rng(0)
+    peer, memory = optax.lbfgs(linesearch=None), LimitedMemory()
+    state, update = peer.init(jnp.zeros(4)), traced(peer.update)
+    matrix = np.diag([1.0, 4.0, 9.0, 16.0]) + 0.5
+    for x in rng.normal(size=(13, 4)):
+        expected, state = update(matrix @ x, state, x)
+        # rounding, over the smallest differences of points, 0.1
+        np.testing.assert_allclose(memory.step(x, matrix @ x), expected, rtol=1e-9)
+    assert len(memory.changes) == 10
 
 
 # --- where the loss fails
