@@ -15,7 +15,6 @@ from ..common import jax_internals as internals
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
     broadcast_to_params,
@@ -143,12 +142,9 @@ def minimize_subject_to(
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
     start = flat_vector(params)
     traced = trace_function(functools.partial(_flat_problem, problem, params), start, args)
-
-    def evaluate(x):
-        return _evaluate(traced, np.asarray(x, start.dtype), args)
-
-    doubles: Any = jax.tree.map(lambda x: np.asarray(x, float), (params, box))
-    search = ConstrainedSearch(evaluate, doubles[0], doubles[1], tol, int(steps), listen)
+    evaluate = functools.partial(values_and_jacobian, traced, args)
+    wide = jax.tree.map(lambda x: np.asarray(x, float), box)  # libraries take double precision
+    search = ConstrainedSearch(evaluate, params, wide, tol, int(steps), listen)
     step = box.typical_sizes(start)
     if scale is not None:
         step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
@@ -181,9 +177,3 @@ def _flat_problem(problem, params, x, args):
         got = f"{constraints.dtype}{list(constraints.shape)}"
         raise ValueError(f"constraints: expected floats [n], got {got}")
     return jnp.append(value, constraints).astype(x.dtype), code
-
-
-@as_program
-def _evaluate(problem, x, args):
-    """Return [loss, constraints ...], a `TracedFunction`, with Jacobian and status at `x` [n]."""
-    return values_and_jacobian(lambda x: problem(x, args), x, problem.result[0].size)

@@ -37,7 +37,7 @@ class ConstrainedSearch(Search):
 
     Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.) The values of trial
     points are the loss, then the constraints; the library gets these plus the tolerance. Arguments
-    are those of `Search`, all floats double precision.
+    are those of `Search`, with bounds in double precision.
 
     Attributes:
         best: the `TrialPoint` of lowest loss that meets all constraints; if none does, that of the

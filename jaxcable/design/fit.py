@@ -13,7 +13,6 @@ from jax.flatten_util import ravel_pytree
 from ..common.progress import Trial
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
     BoxBounds,
@@ -161,15 +160,9 @@ def _flat_residuals(residuals, params, x, args):
     return vector.astype(x.dtype), code
 
 
-@as_program
-def _evaluate(residuals, args, x):
-    """Return residuals, a `TracedFunction`, with Jacobian and status at flat parameters [n]."""
-    return values_and_jacobian(lambda x: residuals(x, args), x, residuals.result[0].size)
-
-
 def _search(residuals, args, params, box, tol, steps, listen):
     """Search as `fit` does, for known numbers."""
-    evaluate = functools.partial(_evaluate, residuals, args)
+    evaluate = functools.partial(values_and_jacobian, residuals, args)
     return fit_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
 
 

@@ -21,7 +21,9 @@ from ..common import jax_internals as internals
 from ..common import status
 from ..common.progress import as_listener
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..programs.program_calls import as_program
 from ..programs.search_call import run_search
+from ..programs.traced_function import TracedFunction
 from .bounds import BoxBounds, flat_vector
 from .no_derivative import warn_of_undefined_derivative
 
@@ -92,7 +94,7 @@ class Search:
         evaluate: function of flat parameters [n] to values [m] (or a loss), their derivatives
             [m, n] (or [n]) and a status code.
         params: the start, a pytree of floats.
-        box: `BoxBounds`; every trial point is projected into them.
+        box: `BoxBounds`; every trial point is projected into them, and gets their dtype.
         tol, steps: tolerance, and the largest number of steps, as of `minimize`.
         listen: function of a report of progress, or None.
 
@@ -133,7 +135,7 @@ class Search:
     def evaluate_at(self, x: Float[np.ndarray, " n"]) -> TrialPoint:
         """Evaluate the function at parameters x, [n], projected into the bounds; count it."""
         x = self.box.project(x)
-        values, jacobian, code = self.evaluate(x)
+        values, jacobian, code = self.evaluate(x.astype(self.start.dtype))
         if self.evaluations == 0:
             warn_of_undefined_derivative(values, jacobian, code, params=self.params)
         values, jacobian = (np.asarray(part, x.dtype) for part in (values, jacobian))
@@ -162,22 +164,25 @@ class Search:
         return [np.array(x, dtype) for *x, dtype in zip(*rows, dtypes, strict=True)]
 
 
+@as_program
 def values_and_jacobian(
-    function: Callable[[Float[Array, " n"]], tuple[Float[Array, " m"], Int[Array, ""]]],
-    x: Float[Array, " n"],
-    count: int,
+    function: TracedFunction, args: tuple[Any, ...], x: Float[Array, " n"]
 ) -> tuple[Float[Array, " m"], Float[Array, "m n"], Int[Array, ""]]:
-    """Evaluate a function of parameters `x` [n] to (values [count], status code) and its Jacobian.
+    """Evaluate a function of parameters `x` [n] and further arguments, and its Jacobian.
 
-    Forward mode is used for at most as many parameters as values, else reverse mode.
+    The function returns values [m] and a status code. Forward mode is used for at most as many
+    parameters as values, else reverse mode.
+
+    Returns:
+        The values [m], their Jacobian [m, n], and the status code.
     """
 
     def with_values(x):
-        values, code = function(x)
+        values, code = function(x, args)
         return values, (values, code)
 
     # not `jax.linearize`: separate forward and linear parts make a program half as long again
-    differentiate = jax.jacfwd if x.size <= count else jax.jacrev
+    differentiate = jax.jacfwd if x.size <= function.result[0].size else jax.jacrev
     jacobian, (values, code) = differentiate(with_values, has_aux=True)(x)
     return values, jacobian, code
 
