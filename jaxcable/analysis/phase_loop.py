@@ -10,7 +10,7 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.progress import Increment, report_progress
+from ..common.progress import report_increment
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
@@ -241,7 +241,7 @@ def _progress_reporter(listen, phases):
             "relative_residual": scaled.relative_residual(outcome.residual, outcome.scale),
             "status": outcome.code,
         }
-        report_progress(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
+        report_increment(listen, phases, lax.stop_gradient(traced))
 
     return news
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import operator
 import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -33,6 +34,7 @@ from jax.interpreters.partial_eval import dce_jaxpr, dce_rules
 from jaxlib.xla_client import batched_device_put
 
 _T = TypeVar("_T")
+implementation_of_keys = operator.attrgetter("_impl")  # by the dtype of random keys
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
 

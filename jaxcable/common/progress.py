@@ -77,8 +77,7 @@ class Step(NamedTuple):
     Example:
         >>> reports = []
         >>> found = jc.minimize(lambda x: (x - 2.0) ** 2, jnp.array(0.0), progress=reports.append)
-        >>> jax.effects_barrier()
-        >>> min(reports).number, min(reports).loss
+        >>> reports[0].number, reports[0].loss
         (0, 4.0)
     """
 
@@ -113,8 +112,7 @@ class Trial(NamedTuple):
     Example:
         >>> reports = []
         >>> found = jc.fit(lambda x: x - 2.0, jnp.array([0.0]), progress=reports.append)
-        >>> jax.effects_barrier()
-        >>> min(reports).number, min(reports).misfit
+        >>> reports[0].number, reports[0].misfit
         (0, 2.0)
     """
 
@@ -198,49 +196,40 @@ def as_listener(progress: bool | Callable[[Any], object] | None) -> Callable[[An
     return progress
 
 
-def report_progress(
-    listen: Callable[[Any], object],
-    kind: type[Increment] | type[Step] | type[Trial],
-    known: Mapping[str, Any],
-    traced: Mapping[str, Float[Array, ""]],
+def report_increment(
+    listen: Callable[[Any], object], phases: int, traced: Mapping[str, Float[Array, ""]]
 ) -> None:
-    """Call `listen` with a report of progress from inside of a compiled program.
+    """Call `listen` with the report of an increment from inside of a compiled program.
 
     Args:
-        listen: function of one argument, the report.
-        kind: class of the report, `Increment`, `Step` or `Trial`.
-        known: the one field of the report that is known when the program is compiled, an integer,
-            as a dict.
-        traced: fields that the program computes, a dict of scalars.
+        listen: function of an `Increment`.
+        phases: its field of this name, known when the program is compiled.
+        traced: the other fields, which the program computes, a dict of scalars.
     """
     if listen is SHOW:  # by name, so that the program can be kept on disk
-        ((field, number),) = known.items()
-        host_calls.call_without_results(
-            [make_printing_reporter, kind.__name__, field, str(number), *traced], *traced.values()
-        )
+        words: list[Any] = [make_printing_reporter, str(phases), *traced]
+        host_calls.call_without_results(words, *traced.values())
         return
-    jax.debug.callback(_make_reporter(listen, kind, known, tuple(traced)), *traced.values())
+    jax.debug.callback(_make_reporter(listen, phases, tuple(traced)), *traced.values())
 
 
-def _make_reporter(listen, kind, known, names):
-    """Return a NumPy function that makes a report of its arguments and calls `listen` with it.
+def _make_reporter(listen, phases, names):
+    """Return a NumPy function that calls `listen` with an `Increment` of its arguments.
 
-    `kind` is the class of the report, `known` are its other fields, a dict, and `names` the fields
-    that the arguments belong to.
+    These are the fields `names`.
     """
 
     def function(*values):
         computed = {
             name: np.asarray(value).item() for name, value in zip(names, values, strict=True)
         }
-        listen(kind(**known, **computed))
+        listen(Increment(phases=phases, **computed))
         return ()
 
     return function
 
 
 @host_calls.register_host_function_family
-def make_printing_reporter(kind, field, number, *names):
-    """Return the NumPy function that makes a report of its arguments and prints it by `SHOW`."""
-    kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
-    return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)
+def make_printing_reporter(phases, *names):
+    """Return the NumPy function that makes an `Increment` of its arguments and prints it."""
+    return _make_reporter(SHOW, int(phases), names)

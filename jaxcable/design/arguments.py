@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
@@ -31,7 +30,6 @@ def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[A
 
 def is_valid_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
     """Return whether a tolerance (which may be traced) is at least 0 and below 1; scalar bool."""
-    tol = jnp.asarray(tol)
     return (tol >= 0) & (tol < 1)
 
 

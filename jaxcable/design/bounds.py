@@ -8,12 +8,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from ..common import checks, status
 from ..common import rules as _rules
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from .arguments import check_tolerance, is_valid_tolerance
 
 
@@ -30,13 +29,13 @@ class BoxBounds:
     upper: Float[Array, " n"]
     counts: tuple[int, ...]
 
-    def project(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
+    def project(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the nearest point within the bounds, [n]: each entry clipped to its own bounds."""
-        return jnp.clip(x, self.lower, self.upper)
+        return np.clip(np.asarray(x, self.lower.dtype), self.lower, self.upper)
 
     def blocked_entries(
-        self, x: Float[Array, " n"], gradient: Float[Array, " n"]
-    ) -> Bool[Array, " n"]:
+        self, x: Float[np.ndarray, " n"], gradient: Float[np.ndarray, " n"]
+    ) -> Bool[np.ndarray, " n"]:
         """Return which parameters are at a bound that a step against the gradient would cross, [n].
 
         Parameters whose two bounds are equal are always blocked.
@@ -44,37 +43,41 @@ class BoxBounds:
         low, high = (x <= self.lower) & (gradient > 0), (x >= self.upper) & (gradient < 0)
         return low | high | (self.lower == self.upper)
 
-    def contains(self, x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Return whether every entry of `x` [n] is within its bounds; False for crossed bounds."""
-        outside = (x < self.lower) | (x > self.upper)
-        return jnp.all((self.lower <= self.upper) & ~outside)
-
     def norm_per_array(
-        self, norm: Callable[[Float[Array, " m"]], Float[Array, ""]], x: Float[ArrayLike, " n"]
-    ) -> Float[Array, " n"]:
+        self, norm: Callable[[Float[np.ndarray, " m"]], float], x: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
         """Return, for every parameter, the norm of that array of parameters which contains it, [n].
 
         `x` has all arrays as one flat vector, [n]; `norm` is a function of one array, [m], to a
-        scalar.
+        number.
         """
-        parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
-        return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])
+        parts = np.split(x, np.cumsum(self.counts)[:-1])
+        return np.concatenate([np.full_like(part, norm(part)) for part in parts])
 
-    @jax.jit  # one function in a program
-    def largest_per_array(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+    def largest_per_array(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the largest absolute entry of the array that contains each entry of `x`, [n]."""
-        return self.norm_per_array(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
+        return self.norm_per_array(lambda part: np.abs(part).max(initial=0), x)
 
-    @jax.jit
-    def typical_sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+    def typical_sizes(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return typical sizes [n] of parameters that start at `x`, for scaling them.
 
         The size of an entry is the largest absolute entry of its array at the start. If all of
         these are zero it is the largest finite bound of the array; without such a bound it is 1.
         """
-        ends = (jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (self.lower, self.upper))
-        start, bound = self.largest_per_array(x), self.largest_per_array(jnp.maximum(*ends))
-        return jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
+        ends = (np.where(np.isfinite(b), np.abs(b), 0) for b in (self.lower, self.upper))
+        start, bound = self.largest_per_array(x), self.largest_per_array(np.maximum(*ends))
+        return np.where(start > 0, start, np.where(bound > 0, bound, np.ones_like(bound)))
+
+    def input_status(self, start: Float[np.ndarray, " n"], tol: Float[ArrayLike, ""]) -> int:
+        """Return the status of what a search starts with, which may have been traced.
+
+        It is OUTSIDE if the start [n] violates the bounds or these cross each other, INVALID_INPUT
+        if the tolerance is not valid, else OK.
+        """
+        if not is_valid_tolerance(tol):
+            return status.INVALID_INPUT
+        outside = (start < self.lower) | (start > self.upper) | ~(self.lower <= self.upper)
+        return status.OUTSIDE if outside.any() else status.OK
 
 
 def check_params(
@@ -150,9 +153,8 @@ def broadcast_to_params(
             text = "must be positive and finite"
             sound = _rules.Rule(where, v, lambda v: ~((v > 0) & (v < np.inf)), text)
             v = _rules.nan_if_broken(sound)
-        if isinstance(v, jax.core.Tracer):
-            return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
-        return np.broadcast_to(np.asarray(v, x.dtype), x.shape)
+        xp = checks.numpy_or_jax(v)
+        return xp.broadcast_to(xp.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
@@ -183,21 +185,22 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
     def check(path, x, low, high):
         x, low, high = (checks.array_if_known(v) for v in (x, low, high))
-        entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return
-        _refuse_first_bad_entry(np.isnan(low), "lower bound" + entry, "is NaN")
-        _refuse_first_bad_entry(np.isnan(high), "upper bound" + entry, "is NaN")
-        _refuse_first_bad_entry(
-            low > high, "lower bound" + entry, "above the upper bound", low, high
-        )
-        if x is not None:
-            _refuse_first_bad_entry(
-                x < low, "params" + entry, "the start is below its lower bound", x, low
-            )
-            _refuse_first_bad_entry(
-                x > high, "params" + entry, "the start is above its upper bound", x, high
-            )
+        x = low if x is None else x
+        for bad, name, rule, *values in (
+            (np.isnan(low), "lower bound", "is NaN"),
+            (np.isnan(high), "upper bound", "is NaN"),
+            (low > high, "lower bound", "above the upper bound", low, high),
+            (x < low, "params", "the start is below its lower bound", x, low),
+            (x > high, "params", "the start is above its upper bound", x, high),
+        ):
+            if bad.any():
+                index = tuple(map(int, np.argwhere(bad)[0]))
+                where = f"{jax.tree_util.keystr(path)}{list(index) or ''}"
+                given, limit = [f"{v[index]:g}" for v in values] or ("", "")
+                shown = f" = {given}: {rule}, {limit}" if values else f": {rule}"
+                raise ValueError(f"{name}{where}{shown}")
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
     counts = tuple(leaf.size for leaf in jax.tree.leaves(params))
@@ -205,38 +208,29 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
 
 def flat_vector(tree: PyTree[Float[ArrayLike, " ..."]]) -> Float[ArrayLike, " n"]:
-    """Return all numbers of a pytree as one array [n], in the order of `ravel_pytree`.
+    """Return all numbers of a pytree as one array [n], one array of it after the other.
 
     That of known numbers is joined by NumPy: nothing is compiled.
     """
-    leaves = jax.tree.leaves(tree)
-    if any(isinstance(x, jax.core.Tracer) for x in leaves):
-        return ravel_pytree(tree)[0]
-    return np.concatenate([np.ravel(x) for x in leaves])
+    xp = checks.numpy_or_jax(tree)
+    return xp.concatenate([xp.ravel(x) for x in jax.tree.leaves(tree)])
 
 
-def search_or_input_status(
-    code: Int[Array, ""], box: BoxBounds, start: Float[Array, " n"], tol: Float[ArrayLike, ""]
-) -> Int[Array, ""]:
-    """Return `code`, the status of a search, unless its traced input was invalid.
+def unflatten_params(
+    flat: Float[ArrayLike, " n"] | Bool[ArrayLike, " n"], params: PyTree[Float[Array, " ..."]]
+) -> PyTree[Any]:
+    """Return parameters from one array [n], as a pytree like `params`: reverse `flat_vector`.
 
-    It is OUTSIDE if the start [n] violates the bounds, INVALID_INPUT if the tolerance is not valid.
+    Floats get the dtypes of `params`; a flag for each parameter stays a bool.
     """
-    code = jnp.where(box.contains(start), code, status.OUTSIDE)
-    return jnp.where(is_valid_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
+    ends = iter(np.cumsum([x.size for x in jax.tree.leaves(params)]))
 
+    def part(x):
+        end = next(ends)
+        own = flat[end - x.size : end].reshape(x.shape)
+        return own if own.dtype == bool else own.astype(x.dtype)
 
-def _refuse_first_bad_entry(bad, name, rule, *values):
-    """Raise ValueError for the first entry where `bad` is True; do nothing if there is none.
-
-    The message has the argument's `name`, the `rule` and the entry of both arrays in `values`.
-    """
-    if not np.any(bad):
-        return
-    index = tuple(int(i) for i in np.argwhere(bad)[0])
-    where = f"[{', '.join(map(str, index))}]" if index else ""
-    shown = f" = {values[0][index]:g}: {rule}, {values[1][index]:g}" if values else f": {rule}"
-    raise ValueError(f"{name}{where}{shown}")
+    return jax.tree.map(part, params)
 
 
 def check_call_arguments(

@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
-from ..analysis.solution import Solution
-from ..common import checks, status
+from ..common import checks
+from ..common import jax_internals as internals
 from ..common.progress import Step, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
     broadcast_to_params,
     check_call_arguments,
     check_search_arguments,
     flat_vector,
+    unflatten_params,
 )
+from .constrained_search import ConstrainedSearch
 from .nlp_solvers import nlp_solver_by_name
-from .no_derivative import warn_of_undefined_derivative
-from .optimality import solve_kkt_conditions
 from .returned_values import loss_and_status
-from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
-
-_FIRST = 0.1  # part of the first loss that changes are compared with, see `minimum_criteria`
-_MAX_TRIALS = 20  # largest number of evaluations per allowed step, so that a library cannot loop
-# A run was of use if the KKT residual, or the violation, has fallen to below this part.
-_USEFUL = 0.5
-_SHORTER = 0.1  # first step of a run over that of the run before it
+from .trials import values_and_jacobian
 
 
 @pytree
@@ -80,16 +72,9 @@ class ConstrainedDesign:
 
 
 def minimize_subject_to(
-    problem: Callable[
-        ...,
-        tuple[Float[ArrayLike, ""], Float[ArrayLike, " n"]]
-        | tuple[
-            Float[ArrayLike, ""], Float[ArrayLike, " n"], PyTree[Solution | Int[ArrayLike, " ..."]]
-        ],
-    ],
+    problem: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     *,
     solver: str = "slsqp",
     rounds: int = 10,
@@ -155,28 +140,18 @@ def minimize_subject_to(
     checks.require_whole_number(steps, "steps")
     params, box, tol = check_search_arguments(params, bounds, tol)
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
-    start, back = flat_vector(params), ravel_pytree(params)[1]
-    traced = trace_function(functools.partial(_flat_problem, problem, back), start, args)
-    step = least = _typical_sizes(box, start)
+    start = flat_vector(params)
+    traced = trace_function(functools.partial(_flat_problem, problem, params), start, args)
+    evaluate = functools.partial(values_and_jacobian, traced, args)
+    wide = jax.tree.map(lambda x: np.asarray(x, float), box)  # libraries take double precision
+    search = ConstrainedSearch(evaluate, params, wide, tol, int(steps), listen)
+    step = box.typical_sizes(start)
     if scale is not None:
         step = flat_vector(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))
-
-    def sizes(x):
-        return np.asarray(_larger_sizes(box, least, x), float)
-
-    def evaluate(x):
-        return _evaluate(traced, jnp.asarray(x, start.dtype), args)
-
-    limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
-    search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    first = search.evaluate_at(np.asarray(start, float))
-    derivatives = np.vstack([first.gradient, first.jacobian])
-    values = np.append(first.loss, first.constraints)
-    warn_of_undefined_derivative(values, derivatives, params=params)
-    end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
+    end, code, count = search.run_library(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(
-        params=back(jnp.asarray(end.x, start.dtype)),
+        params=internals.as_jax_arrays(unflatten_params(end.x, params)),
         loss=jnp.asarray(end.loss, start.dtype),
         constraints=jnp.asarray(end.constraints, start.dtype),
         multipliers=multipliers,
@@ -188,117 +163,12 @@ def minimize_subject_to(
     )
 
 
-class _ConstrainedSearch(ScaledProblem):
-    """A search that runs an optimization library repeatedly until the KKT conditions hold.
-
-    Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.)
-
-    Args:
-        evaluate, bounds: as for `ScaledProblem`.
-        sizes: function that returns the typical sizes [n] of given parameters [n].
-        tol, steps: as for `minimize_subject_to`.
-        listen: function of a `progress.Step` that reports progress, or None.
-    """
-
-    def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
-        super().__init__(evaluate, bounds, tol, self.report_accepted_point)
-        self.typical_sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
-        self.first = self.number = self.known = 0
-
-    def run(
-        self, solve: Callable[[ScaledProblem, int, float], None], step: np.ndarray, rounds: int
-    ) -> tuple[TrialPoint, int, int]:
-        """Run the library at most `rounds` times, first from the point that was evaluated last.
-
-        Args:
-            solve: function of `nlp_solvers` that runs one library.
-            step: typical changes of the parameters in the first step, [n].
-            rounds: largest number of runs.
-
-        Returns:
-            The final point, the status, and the number of runs.
-        """
-        missing = np.inf
-        best = first = self.last
-        self.first = abs(best.loss)
-        if best.failed:
-            return best, status.BAD_START, 0
-        self.report_accepted_point(best)
-        for number in range(1, rounds + 1):
-            steep = float(np.linalg.norm(best.gradient * step))
-            unit = 1 / (steep if steep > 0 else self.loss_size(best))
-            self.begin_run(best, step, unit, _MAX_TRIALS * self.steps)
-            with contextlib.suppress(RunEnded):
-                solve(self, self.steps, self.tol)
-            for point in (self.reached, self.best):
-                left = self.multipliers_and_residual(point)[1]
-                if point.violation <= 0 and left <= self.tol:
-                    return point, self._success_status(point, first), number
-            before, best = best, self.best
-            if best.violation > _USEFUL * before.violation > 0:
-                return best, status.CONSTRAINTS_VIOLATED, number
-            fallen = before.loss - best.loss > self.tol**2 * self.loss_size(best)
-            if not (fallen or left <= _USEFUL * missing or before.violation > 0):
-                return best, status.STALLED, number
-            missing, step = min(left, missing), _SHORTER * step
-        code = status.CONSTRAINTS_VIOLATED if best.violation > 0 else status.OUT_OF_STEPS
-        return best, code, rounds
-
-    def _success_status(self, point, first):
-        """Return the status for a final point that meets all conditions: OK, or STATIONARY.
-
-        It is STATIONARY if the point is the start `first`, and the gradient there is zero.
-        """
-        free = (point.x > self.bounds[0]) & (point.x < self.bounds[1])
-        blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
-        return status.STATIONARY if blind else status.OK
-
-    def multipliers_and_residual(self, point: TrialPoint) -> tuple[np.ndarray, float]:
-        """Return the Lagrange multipliers at a point, [m], and its KKT residual over the loss."""
-        size = self.typical_sizes(point.x)
-        multipliers, residual = solve_kkt_conditions(point, self.bounds, size, self.tol)
-        return multipliers, residual / self.loss_size(point)
-
-    def loss_size(self, point: TrialPoint) -> float:
-        """Return the size of the loss at a point, positive, which residuals are divided by.
-
-        It is the larger of the present loss and a part of that at the start; if both are zero, the
-        change of the loss by a change of one parameter by its typical size.
-        """
-        size = max(abs(point.loss), _FIRST * self.first)
-        return size or float(np.abs(point.gradient * self.typical_sizes(point.x)).max()) or 1.0
-
-    def report_accepted_point(self, point: TrialPoint) -> bool:
-        """Report progress at a point that the library has accepted; return whether to end the run.
-
-        It ends if the point meets all constraints and the KKT conditions.
-        """
-        residual = self.multipliers_and_residual(point)[1]
-        if self.listen is not None:
-            failures, self.known = self.failures - self.known, self.failures
-            self.listen(Step(self.number, self.steps, point.loss, residual, failures))
-        self.number += 1
-        return point.violation <= 0 and residual <= self.tol
-
-
-@as_program
-def _typical_sizes(box, start):
-    """Return the typical sizes of parameters that start at `start`, [n]."""
-    return box.typical_sizes(start)
-
-
-@as_program
-def _larger_sizes(box, least, x):
-    """Return the sizes of parameters at `x`, at least `least`, [n]."""
-    return jnp.maximum(least, box.largest_per_array(x))
-
-
-def _flat_problem(problem, back, x, args):
+def _flat_problem(problem, params, x, args):
     """Return [loss, constraints ...] and the status code of a user's function.
 
-    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
+    Its parameters, a pytree like `params`, are given as `x` [n]; `args` are its further arguments.
     """
-    returned = problem(back(x), *args)
+    returned = problem(unflatten_params(x, params), *args)
     if not isinstance(returned, tuple) or len(returned) not in (2, 3):
         raise ValueError("problem: expected (loss, constraints) or (loss, constraints, solution)")
     value, code = loss_and_status((returned[0], returned[2:]))
@@ -307,10 +177,3 @@ def _flat_problem(problem, back, x, args):
         got = f"{constraints.dtype}{list(constraints.shape)}"
         raise ValueError(f"constraints: expected floats [n], got {got}")
     return jnp.append(value, constraints).astype(x.dtype), code
-
-
-@as_program
-def _evaluate(problem, x, args):
-    """Return the `Evaluation` of [loss, constraints ...], a `TracedFunction`, at `x` [n]."""
-    count = problem.result[0].size
-    return values_and_jacobian(lambda x: problem(x, args), x, count).mark_nonfinite()

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.solution import Solution
-from ..common import checks
-from ..common.progress import Trial, as_listener
+from ..common.progress import Trial
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..programs.known import KnownPrograms
-from ..programs.program_calls import as_program
 from ..programs.traced_function import trace_function
 from .bounds import (
+    BoxBounds,
     check_call_arguments,
     check_search_arguments,
     flat_vector,
-    search_or_input_status,
+    unflatten_params,
 )
-from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
-from .no_derivative import refuse_derivative
+from .levenberg import FitHistory, LevenbergMarquardt
 from .returned_values import residuals_and_status
-from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
-from .trials import Evaluation, values_and_jacobian
+from .trials import call_search, unevaluated_point, values_and_jacobian
 
 
 @pytree
@@ -71,14 +66,9 @@ class Fit:
 
 
 def fit(
-    residuals: Callable[
-        ...,
-        PyTree[Float[ArrayLike, " ..."]]
-        | tuple[PyTree[Float[ArrayLike, " ..."]], PyTree[Solution | Int[ArrayLike, " ..."]]],
-    ],
+    residuals: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     *,
     steps: int = 100,
     tol: float | None = None,
@@ -110,7 +100,7 @@ def fit(
             and False: as for `solve`.
 
     Returns:
-        `Fit`. Works under jit and vmap; differentiating it is an error.
+        `Fit`. Works under jit and vmap, as `minimize` does; differentiating it is an error.
 
     Raises:
         ValueError: residuals that are no floats, lower bounds above upper ones, or a start
@@ -152,135 +142,63 @@ def fit(
     """
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = check_search_arguments(params, bounds, tol)
-    listen, steps = as_listener(progress), int(steps)
-    flat = functools.partial(_flat_residuals, residuals, ravel_pytree(params)[1])
-    traced = trace_function(flat, flat_vector(params), args)
-    problem = traced, params, args, box, tol
-    if is_plain_call(problem):
-        evaluate = functools.partial(_evaluate, traced, args)
-        return _search_on_host(evaluate, params, box, tol, steps, listen)
-    key = traced.equations, steps, listen
-    return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
+    traced = trace_function(
+        functools.partial(_flat_residuals, residuals, params), flat_vector(params), args
+    )
+    return call_search(_search, (traced, args), (params, box), tol, steps, progress)
 
 
-def _flat_residuals(residuals, back, x, args):
+def _flat_residuals(residuals, params, x, args):
     """Return the residuals [n_residual] and the status code of a user's function.
 
-    `back` makes its parameters of flat ones, `x` [n]; `args` are its further arguments.
+    Its parameters, a pytree like `params`, are given as `x` [n]; `args` are its further arguments.
     """
-    values, code = residuals_and_status(residuals(back(x), *args))
+    values, code = residuals_and_status(residuals(unflatten_params(x, params), *args))
     vector = ravel_pytree(values)[0]
     if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
         raise ValueError("residuals: expected arrays of floats")
     return vector.astype(x.dtype), code
 
 
-@as_program
-def _evaluate(residuals, args, x):
-    """Return the `Evaluation` of residuals, a `TracedFunction`, at flat parameters [n]."""
-    return values_and_jacobian(lambda x: residuals(x, args), x, residuals.result[0].size)
-
-
-def _make_search(steps, listen):
-    """Return the search of `fit` within another program, a function of the problem."""
-
-    @jax.jit
-    def search_within_program(*problem):
-        residuals, params, args, box, tol = refuse_derivative(problem)
-
-        def evaluate_trial(state):
-            return _evaluate(residuals, args, state.trial)
-
-        loop = functools.partial(search_in_program, evaluate_trial)
-        count = residuals.result[0].size
-        return refuse_derivative(_search(loop, count, params, box, tol, steps, listen))
-
-    return search_within_program
+def _search(residuals, args, params, box, tol, steps, listen):
+    """Search as `fit` does, for known numbers."""
+    evaluate = functools.partial(values_and_jacobian, residuals, args)
+    return fit_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
 
 
 def fit_on_host(
-    evaluate: Callable[[Float[Array, " n"]], Evaluation],
+    evaluate: Callable[[Float[np.ndarray, " n"]], Sequence[Any]],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[Any, Any] | None,
+    box: BoxBounds,
+    tol: Float[ArrayLike, ""],
     steps: int,
-    tol: float | None,
     listen: Callable[[Trial], Any] | None,
+    count: int = 0,
 ) -> Fit:
-    """Search as `fit` does, from Python, by a function that evaluates residuals and Jacobian.
+    """Search as `fit` does, for known numbers, and return a `Fit` of arrays of NumPy.
 
     Args:
-        evaluate: function of the flat parameters [n] to an `Evaluation` of the residuals.
-        params, bounds, steps, tol: as for `fit`.
+        evaluate: function of the flat parameters [n] to the residuals, their Jacobian and the
+            status code.
+        params, box, tol, steps: as for `fit`, checked.
         listen: function of a `progress.Trial` that is called after every trial point, or None.
+        count: number of residuals that are NaN if nothing is evaluated, because what was traced
+            is invalid.
     """
-    checks.require_whole_number(steps, "steps")
-    params, box, tol = check_search_arguments(params, bounds, tol)
-    return _search_on_host(evaluate, params, box, tol, int(steps), listen)
-
-
-def _search_on_host(evaluate, params, box, tol, steps, listen):
-    """Search in Python; `evaluate` and `listen` are as for `fit_on_host`."""
-    first = [evaluate(flat_vector(params))]  # it tells the number of residuals
-
-    def evaluate_trial(state):
-        return first.pop() if first else evaluate(state.trial)
-
-    loop = functools.partial(search_on_host, evaluate_trial, params=params)
-    return _search(loop, first[0].values.size, params, box, tol, steps, listen)
-
-
-def _search(loop, count, params, box, tol, steps, listen):
-    """Search for the least squares of `count` residuals; return the `Fit`.
-
-    `loop` is one of the loops in `search_loop` with its evaluation.
-    """
-    search = LevenbergMarquardt(box, tol, steps)
-    report = make_report(listen, Trial, steps, lambda before, after: True, progress_numbers)
-    begin = _initial_state(search, flat_vector(params), count=count)
-    end = loop(functools.partial(_advance, search), begin, report)
-    return _make_fit(search, end, params)
-
-
-@functools.partial(as_program, static=("count",))
-def _initial_state(search, start, count):
-    """Return the first state of a search with `count` residuals."""
-    return search.initial_state(start, count)
-
-
-@as_program
-def _advance(search, state, found):
-    """Return the next state of a search, ``search.advance(state, found)``."""
-    return search.advance(state, found)
-
-
-def progress_numbers(s: LevenbergState) -> dict[str, Array]:
-    """Return the fields of a `progress.Trial` by name, for the trial point evaluated last."""
-    return {"number": s.n_trial} | {
-        name: getattr(s.history, name)[s.n_trial] for name in ("misfit", "accepted", "status")
-    }
-
-
-@as_program
-def _make_fit(search, end, params):
-    """Convert the last state `end` of a search, which started at `params`, to a `Fit`."""
-    start, back = ravel_pytree(params)
-    blocked = search.box.blocked_entries(end.x, end.residual @ end.jacobian)
-    no_influence = search.lacks_influence(end.x, end.residual, end.jacobian)
-
-    def flags(flat):
-        return jax.tree.map(lambda f: f > 0.5, back(flat.astype(start.dtype)))
-
+    search = LevenbergMarquardt(evaluate, params, box, tol, steps, listen)
+    code = search.status()
+    point: Any = search.current or unevaluated_point(search.start, count, code)
+    misfit: Any = np.linalg.norm(point.values)
+    whole: Any = np.int32
+    blocked, without_influence = search.blocked_and_without_influence(point)
     return Fit(
-        params=back(end.x),
-        residual=end.residual,
-        jacobian=end.jacobian,
-        misfit=jnp.linalg.norm(end.residual),
-        free=flags(~blocked),
-        without_influence=flags(no_influence),
-        history=end.history,
-        status=search_or_input_status(end.code, search.box, start, search.tol),
-        steps=jnp.maximum(end.n_trial, 0),
+        params=unflatten_params(point.x, params),
+        residual=point.values,
+        jacobian=point.jacobian,
+        misfit=misfit,
+        free=unflatten_params(~blocked, params),
+        without_influence=unflatten_params(without_influence, params),
+        history=FitHistory(*search.history(True, False, True, False)),
+        status=whole(code),
+        steps=whole(max(len(search.rows) - 1, 0)),
     )
-
-
-_within_program = KnownPrograms()

@@ -6,18 +6,13 @@ steps: scaled by their own norms, as the method scales columns, they would lead 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import jax
-import jax.numpy as jnp
-from jax import lax
+import numpy as np
 
 from ..common import status
-from ..common.tree import pytree, select_tree
-from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear import unbatched
-from .bounds import BoxBounds
-from .trials import Evaluation, final_status
+from ..common.progress import Trial
+from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int
+from .trials import Search, TrialPoint, unevaluated_point
 
 _FIRST_DAMPING = 1e-3  # columns of the scaled Jacobian have norms of at most 1: nearly a whole step
 _SINGULAR = 1e-12  # damping of a whole step: it leaves out smaller squared singular values
@@ -55,205 +50,150 @@ class FitHistory:
     status: Int[Array, " steps+1"]
 
 
-class LevenbergState(NamedTuple):
-    """State of the search of `fit` between two evaluations.
+class LevenbergMarquardt(Search):
+    """The Levenberg-Marquardt method of `fit`; `current` is a `TrialPoint`."""
 
-    Attributes:
-        trial: flat parameters to be evaluated next, [n].
-        x, residual, jacobian: the last accepted point, its residuals and its Jacobian.
-        size: largest norm that each column of the Jacobian has had, [n].
-        damping: damping ``mu`` of the step to the trial point.
-        growth: factor on the damping if the trial point is not accepted.
-        promised: decrease of half the squared misfit that the linear model predicts.
-        first: misfit at the start.
-        least: sizes of the parameters below which steps cannot be told from zero, [n].
-        n_trial: number of trial points after the start; -1 before the start is evaluated.
-        history: `FitHistory`.
-        code, running: status, and whether the search goes on.
-    """
+    def run(self) -> int:
+        """Search, and return the status."""
+        point = self.evaluate_at(self.start)
+        self._record(point, not point.failed, _FIRST_DAMPING)
+        if point.failed:
+            self.current = unevaluated_point(point.x, len(point.values), point.code)
+            return status.BAD_START
+        self._first, self._size = np.linalg.norm(point.values), np.zeros_like(point.x)
+        self._least = np.finfo(point.x.dtype).eps * self._array_norms(point.x)
+        self._accept(point)
+        code = self._status_of_start()
+        return self._search() if code is None else code
 
-    trial: Float[Array, " n"]
-    x: Float[Array, " n"]
-    residual: Float[Array, " n_residual"]
-    jacobian: Float[Array, "n_residual n"]
-    size: Float[Array, " n"]
-    damping: Float[Array, ""]
-    growth: Float[Array, ""]
-    promised: Float[Array, ""]
-    first: Float[Array, ""]
-    least: Float[Array, " n"]
-    n_trial: Int[Array, ""]
-    history: FitHistory
-    code: Int[Array, ""]
-    running: Bool[Array, ""]
+    def _accept(self, point):
+        """Go on from a trial point."""
+        self.current = point
+        self._size = np.maximum(self._size, np.linalg.norm(point.jacobian, axis=0))
+        self._held = np.logical_or(*self.blocked_and_without_influence(point))
 
-
-@pytree(static=("steps",))
-class LevenbergMarquardt:
-    """The Levenberg-Marquardt method of `fit`: `advance` maps a `LevenbergState` to the next one.
-
-    The caller computes residuals and Jacobian at the trial point of each state, an `Evaluation`,
-    and passes them to `advance`, until the state is no longer `running`.
-
-    Args:
-        box: `BoxBounds` of the flat parameters.
-        tol: tolerance of convergence, as in `fit`.
-        steps: largest number of trial points after the start.
-    """
-
-    box: BoxBounds
-    tol: Float[ArrayLike, ""]
-    steps: int
-
-    def initial_state(self, x: Float[Array, " n"], count: int) -> LevenbergState:
-        """Return the state before the start `x`, [n], is evaluated; there are `count` residuals."""
-        one, none = jnp.ones((), x.dtype), jnp.int32(0)
-        real, whole = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
-        return LevenbergState(
-            trial=x,
-            x=x,
-            residual=jnp.full(count, jnp.nan * one),
-            jacobian=jnp.full((count, x.size), jnp.nan * one),
-            size=jnp.zeros_like(x),
-            damping=_FIRST_DAMPING * one,
-            growth=2 * one,
-            promised=one,
-            first=one,
-            least=jnp.finfo(x.dtype).eps * self._array_norms(x),
-            n_trial=none - 1,
-            history=FitHistory(real, whole, real, whole),
-            code=none,
-            running=jnp.ones((), bool),
-        )
-
-    def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
-        """Accept or refuse the trial point of state `s`, and return the next state.
-
-        `found` has residuals, Jacobian and status at the trial point. The next state has the next
-        trial point, or `running` False and the final status.
-        """
-        residual, jacobian, code = found.mark_nonfinite()
-        sound, begun = code == status.OK, s.n_trial >= 0
-        before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
-        gain = jnp.where(begun, (before - after) / s.promised, 1.0)
-        accepted = sound & (~begun | ((gain > _ACCEPTABLE) & (s.promised > 0)))
-        promised = s.promised
-        misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
-        entries = FitHistory(misfit, accepted.astype(jnp.int32), s.damping, code)
-        reduced = s.damping * jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(accepted, jnp.where(begun, reduced, s.damping), s.damping * s.growth)
-        new, old = (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian)
-        x, residual, jacobian = select_tree(accepted, new, old)
-        size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
-        blocked = self.box.blocked_entries(x, residual @ jacobian)
-        no_influence = self.lacks_influence(x, residual, jacobian)
-        held = blocked | no_influence
-        trial = self._trial_point_within_bounds(x, residual, jacobian, size, damping, held)
-        change = jacobian @ (trial - x)
-        s = s._replace(
-            trial=trial,
-            x=x,
-            residual=residual,
-            jacobian=jacobian,
-            size=size,
-            damping=damping,
-            growth=jnp.where(accepted, 2.0, 2 * s.growth),
-            promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
-            first=jnp.where(begun, s.first, misfit),
-            n_trial=s.n_trial + 1,
-            history=jax.tree.map(lambda h, e: h.at[s.n_trial + 1].set(e), s.history, entries),
-        )
-        # a change within the noise of the analysis cannot be judged
-        noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
-        refused = begun & sound & ~accepted
-        only_noise = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
-        converged = (begun | sound) & self._has_converged(s, held, begun, refused, only_noise)
-        # if no parameter can be changed, and none has been, this is no minimum
-        moved = jnp.sum(jnp.maximum(s.history.accepted, 0)) > 1
-        useless = sound & ~moved & jnp.all(held) & jnp.any(no_influence & ~blocked)
-        useless &= jnp.any(s.residual != 0)
-        converged &= ~useless
+    def _status_of_start(self):
+        """Return the status of a search that ends at the start; None if it goes on."""
+        has_misfit = self._first > 0
+        blocked = self.blocked_and_without_influence(self.current)[0]
+        # if no parameter can be changed this is no minimum
+        if has_misfit and self._held.all() and not blocked.all():
+            return status.STALLED
+        if not self._has_converged(tried=False):
+            return None
         # a start without slope may as well be a maximum, but for one without a misfit
-        level = jnp.all(blocked | (s.residual @ s.jacobian == 0)) & jnp.any(~blocked)
-        blind = converged & ~begun & level & jnp.any(s.residual != 0)
-        hopeless = useless | (~accepted & ((damping > _LARGEST_DAMPING) | jnp.all(trial == x)))
-        return s._replace(
-            code=final_status(begun | sound, blind, converged, hopeless),
-            running=~converged & (begun | sound) & (s.n_trial < self.steps) & ~hopeless,
-        )
+        level = blocked | (self.current.values @ self.current.jacobian == 0)
+        blind = has_misfit and level.all() and not blocked.all()
+        return status.STATIONARY if blind else status.OK
 
-    def _has_converged(self, s, held, begun, refused, only_noise):
+    def _search(self):
+        """Go from trial point to trial point, and return the status at the end."""
+        damping, growth = _FIRST_DAMPING, 2.0
+        noise = max(_NOISE, 64 * np.finfo(self.current.x.dtype).eps)
+        for _ in range(self.steps):
+            before = self.current
+            x = self._trial_point_within_bounds(damping)
+            if not self.rows[-1][1] and (x == before.x).all():
+                return status.STALLED
+            change = before.jacobian @ (x - before.x)
+            promised = -(before.values @ change) - 0.5 * (change @ change)
+            point = self.evaluate_at(x)
+            squares, new = (0.5 * (r @ r) for r in (before.values, point.values))
+            fallen = squares - new
+            accepted = not point.failed and promised > 0 and fallen > _ACCEPTABLE * promised
+            self._record(point, accepted, damping)
+            if accepted:
+                self._accept(point)
+                factor = 1 - (2 * fallen / promised - 1) ** 3
+                damping, growth = damping * max(_LEAST_FACTOR, factor), 2.0
+            else:
+                damping, growth = damping * growth, 2 * growth
+            # a change within the noise of the analysis cannot be judged
+            refused = not point.failed and not accepted
+            only_noise = refused and max(abs(fallen), promised) <= noise * squares
+            if self._has_converged(refused=refused, only_noise=only_noise):
+                return status.OK
+            if not accepted and damping > _LARGEST_DAMPING:
+                return status.STALLED
+        return status.OUT_OF_STEPS
+
+    def _record(self, point, accepted, damping):
+        """Add a trial point to the history, and report it."""
+        misfit = np.nan if point.failed else np.linalg.norm(point.values)
+        news = misfit, int(accepted), point.code
+        self.record((misfit, int(accepted), damping, point.code), Trial, *news)
+
+    def _has_converged(self, tried=True, refused=False, only_noise=False):
         """Return whether the last accepted point meets a criterion of convergence of `fit`.
 
         It is judged by the undamped step, since damping can make a step short anywhere.
 
         Args:
-            s: state of the search.
-            held: parameters that do not move, [n] bool: blocked by a bound, or without influence.
-            begun: whether a step has been tried.
+            tried: whether a step has been tried.
             refused: whether the last trial point was not accepted although its analysis succeeded.
             only_noise: whether the squared misfit changed there by no more than the noise of an
                 analysis, and the linear model had predicted no more than that either.
         """
-        size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = _solve_damped_step(s.residual, s.jacobian, size, _SINGULAR, held)
-        misfit = jnp.linalg.norm(s.residual)
-        gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
-        stationary = begun & (gain <= self.tol * misfit)
-        settled = jnp.all(
-            jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self._array_norms(s.x), s.least)
-        )
+        x, residual, jacobian, _ = self.current
+        size = np.linalg.norm(jacobian, axis=0)
+        whole = _solve_damped_step(residual, jacobian, size, _SINGULAR, self._held)
+        misfit = np.linalg.norm(residual)
+        gain = np.linalg.norm(jacobian @ whole)  # over the misfit: cosine of r and range of J
+        if tried and gain <= self.tol * misfit:
+            return True
         # zero: beside the misfit at the start, and beside what the parameters contribute
-        beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
-        zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside
-        zero |= refused & (misfit <= _NOISE * beside)
-        return stationary | settled | zero | (only_noise & (gain <= _COSINE_OF_NOISE * misfit))
+        eps = np.finfo(x.dtype).eps
+        beside = min(self._first, np.max(size * np.abs(x)))
+        if misfit <= max(self.tol**2, eps) * beside or (refused and misfit <= _NOISE * beside):
+            return True
+        if only_noise and gain <= _COSINE_OF_NOISE * misfit:
+            return True
+        sizes = np.maximum(self._array_norms(x), self._least)
+        return (np.abs(whole) <= self.tol**1.5 * sizes).all()
 
-    def _trial_point_within_bounds(self, x, residual, jacobian, size, damping, blocked):
-        """Return the next trial point, [n]: `x` plus a damped step that stays within the bounds.
+    def _trial_point_within_bounds(self, damping):
+        """Return the next trial point, [n]: a damped step from the last one, within the bounds.
 
         A parameter that meets a bound stops there; the step of the other ones is then computed
-        again. `size` and `damping` are as in `_solve_damped_step`; `blocked` parameters, [n] bool,
-        do not move.
+        again.
         """
-
-        def again(s):
-            move, stopped, _, count = s
-            known = jnp.where(stopped, move, 0.0)
+        x, residual, jacobian, _ = self.current
+        move, stopped = np.zeros_like(x), self._held
+        for _ in range(_MAX_ROUNDS):
+            known = np.where(stopped, move, 0)
             others = _solve_damped_step(
-                residual + jacobian @ known, jacobian, size, damping, stopped
+                residual + jacobian @ known, jacobian, self._size, damping, stopped
             )
-            wanted = x + jnp.where(stopped, known, others)
+            wanted = x + np.where(stopped, known, others)
             trial = self.box.project(wanted)
-            return trial - x, stopped | (trial != wanted), jnp.any(trial != wanted), count + 1
+            beyond = trial != wanted
+            if not beyond.any():
+                break
+            move, stopped = trial - x, stopped | beyond
+        return trial
 
-        start = (jnp.zeros_like(x), blocked, jnp.ones((), bool), 0)
-        move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _MAX_ROUNDS), again, start)
-        return self.box.project(x + move)
+    def blocked_and_without_influence(
+        self, point: TrialPoint
+    ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Return which parameters a bound blocks, and which have no influence, [n] bool each.
 
-    def lacks_influence(
-        self,
-        x: Float[Array, " n"],
-        residual: Float[Array, " n_residual"],
-        jacobian: Float[Array, "n_residual n"],
-    ) -> Bool[Array, " n"]:
-        """Return which parameters have no influence on the residuals, to rounding, [n] bool.
-
-        These are parameters whose change by their whole size (that of their array, or the range
-        between their bounds if it is larger) changes the residuals by less than 4096 eps of their
-        norm and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do not
-        matter.
+        Without influence on the residuals, to rounding, are parameters whose change by their whole
+        size (that of their array, or the range between their bounds if it is larger) changes the
+        residuals by less than 4096 eps of their norm and of what any other parameter contributes to
+        them, ``|J_k| |x_k|``. Units do not matter.
         """
-        columns = jnp.linalg.norm(jacobian, axis=0)
+        x, residual, jacobian, _ = point
+        columns = np.linalg.norm(jacobian, axis=0)
         span = self.box.upper - self.box.lower
-        whole = jnp.maximum(self._array_norms(x), jnp.where(jnp.isfinite(span), span, 0.0))
-        beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
-        little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
-        return (columns == 0) | ((whole > 0) & little)
+        whole = np.maximum(self._array_norms(x), np.where(np.isfinite(span), span, 0))
+        beside = max(np.linalg.norm(residual), np.max(columns * np.abs(x)))
+        little = columns * whole <= _ROUNDING * np.finfo(x.dtype).eps * beside
+        blocked = self.box.blocked_entries(x, residual @ jacobian)
+        return blocked, (columns == 0) | ((whole > 0) & little)
 
     def _array_norms(self, x):
         """Return, for every parameter, the norm of the array that contains it, [n]."""
-        return self.box.norm_per_array(jnp.linalg.norm, x)
+        return self.box.norm_per_array(np.linalg.norm, x)
 
 
 def _solve_damped_step(residual, jacobian, size, damping, blocked):
@@ -262,9 +202,8 @@ def _solve_damped_step(residual, jacobian, size, damping, blocked):
     `residual` is r, `jacobian` J, `damping` mu; `size` is D, [n], with 1 used in place of 0. The
     step of `blocked` parameters, [n] bool, is zero.
     """
-    size = jnp.where(size > 0, size, 1.0)
-    scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
-    damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
-    # a search has no derivative, and `no_derivative.refuse_derivative` says so of its result
-    q, r = unbatched.qr(lax.stop_gradient(jnp.concatenate([scaled, damper])))
-    return unbatched.solve_triangular(r, -(residual @ q[: residual.size]), lower=False) / size
+    size = np.where(size > 0, size, np.ones_like(size))
+    scaled = np.where(blocked, 0, jacobian / size)
+    damper = np.sqrt(damping) * np.eye(size.size, dtype=size.dtype)
+    q, r = np.linalg.qr(np.concatenate([scaled, damper.astype(size.dtype)]))
+    return -np.linalg.solve(r, residual @ q[: residual.size]) / size

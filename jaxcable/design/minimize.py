@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
-from jax.flatten_util import ravel_pytree
 
-from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step, as_listener
-from ..common.tree import pytree, select_tree
+from ..common.progress import Step
+from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
 from ..programs.traced_function import evaluate_traced, trace_function
 from .bounds import (
@@ -24,18 +21,11 @@ from .bounds import (
     check_call_arguments,
     check_search_arguments,
     flat_vector,
-    search_or_input_status,
+    unflatten_params,
 )
-from .descent import Descent, History, is_logged, progress_numbers
-from .minimum_criteria import MinimumCriteria
-from .no_derivative import refuse_derivative
+from .descent import Descent, History
 from .returned_values import loss_and_status
-from .search_loop import is_plain_call, make_report, search_in_program, search_on_host
-from .trials import Evaluation, loss_and_gradient
-
-# Typical change of a parameter over its size, by which the default optimizer scales: the length of
-# its first step, before L-BFGS has learned the curvature.
-_TYPICAL_CHANGE = 0.1
+from .trials import call_search, unevaluated_point
 
 
 @pytree
@@ -81,14 +71,9 @@ class Design:
 
 
 def minimize(
-    loss: Callable[
-        ...,
-        Float[ArrayLike, ""]
-        | tuple[Float[ArrayLike, ""], PyTree[Solution | Int[ArrayLike, " ..."]]],
-    ],
+    loss: Callable[..., Any],
     params: PyTree[Float[ArrayLike, " ..."]],
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None = None,
+    bounds: tuple[PyTree[Any] | None, PyTree[Any] | None] | None = None,
     optimizer: optax.GradientTransformation | None = None,
     *,
     steps: int = 100,
@@ -126,8 +111,9 @@ def minimize(
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
-    Called from Python, every trial point is a program of the loss and its gradient; within jit and
-    vmap the whole search is a part of the program.
+    The search is a loop on the host, and every trial point a program of the loss and its gradient.
+    Mapped cases are searched one after the other. Within `jit` the program calls the search, which
+    NumPy computes then: a loss that takes long is faster outside.
 
     Raises:
         ValueError: no optax transformation, a loss that is no scalar, lower bounds above upper
@@ -188,131 +174,101 @@ def minimize(
     params, box, tol = check_search_arguments(params, bounds, tol)
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
-    listen, steps = as_listener(progress), int(steps)
-    back = ravel_pytree(params)[1]
+    start = flat_vector(params)
 
     def flat_loss(x, *args):
-        value, code = loss_and_status(loss(back(x), *args))
+        value, code = loss_and_status(loss(unflatten_params(x, params), *args))
         return value.astype(x.dtype), code
 
-    start = flat_vector(params)
     traced = trace_function(flat_loss, start, *args)
-    own_steps = None
+    own = None
     if optimizer is not None:
-        own_steps = _trace_steps(optimizer, traced, start, (params, args, box, scale, tol), steps)
-    problem = traced, own_steps, params, args, box, scale, tol
-    if is_plain_call(problem):
-        return _search(functools.partial(search_on_host, params=params), problem, steps, listen)
-    key = jax.tree.structure(problem), steps, listen
-    return _within_program.find(key, lambda: _make_search(steps, listen))(*problem)
+        own = _trace_optimizer(optimizer, traced, args, params, box)
+    return call_search(_search, (traced, own, args), (params, box, scale), tol, steps, progress)
 
 
-def _search(loop, problem, steps, listen):
-    """Search as `minimize` does, by one of the loops of `search_loop`; return the `Design`.
+def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
+    """Search as `minimize` does, for known numbers.
 
-    `problem` has the loss, a `TracedFunction` of flat parameters [n] and further arguments, the
-    steps of a user's optimizer (`_trace_steps`) or None, start, further arguments, `BoxBounds`,
-    scale and tolerance. In an iteration, the loss with its gradient is one program, and the step of
-    the search another one.
+    The loss is a `TracedFunction` of flat parameters [n] and further arguments; `optimizer` is of
+    `_trace_optimizer`, or None. Where numbers that were traced break a rule nothing is evaluated.
     """
-    loss, own_steps, params, args, box, scale, tol = problem
-    where = params, args, box, scale, tol
-    report = make_report(listen, Step, steps, is_logged, progress_numbers)
+    params, box, scale = jax.tree.map(np.asarray, (params, box, scale))
+    scale = None if scale is None else flat_vector(scale)
+    propose = None
+    if optimizer is not None:
+        propose = _steps_of_optimizer(*optimizer, (loss, args, box, scale))
 
-    def evaluate(state):
-        return _evaluate(loss, state.trial, args)
+    def evaluate(x):
+        return _evaluate(loss, x, args)
 
-    def advance(state, found):
-        if own_steps is None:
-            return _advance(*where, state, found, steps=steps)
-        return evaluate_traced(own_steps[1], loss, *where, state, found)
-
-    if own_steps is None:
-        begin = _initial_state(*where, steps=steps)
-    else:
-        begin = evaluate_traced(own_steps[0], *where)
-    return _make_design(params, box, tol, loop(evaluate, advance, begin, report))
-
-
-def _make_search(steps, listen):
-    """Return the search of `minimize` within another program, a function of the problem."""
-
-    @jax.jit
-    def search_within_program(*problem):
-        problem = refuse_derivative(problem)
-        return refuse_derivative(_search(search_in_program, problem, steps, listen))
-
-    return search_within_program
-
-
-def _trace_steps(optimizer, loss, start, where, steps):
-    """Trace the steps of a user's optimizer, which may read from outside what has changed.
-
-    Returns two of `TracedFunction`: that of the first state, and that of the next one.
-    """
-
-    def begin(params, args, box, scale, tol):
-        return _make_descent(params, box, scale, tol, steps, optimizer=optimizer).initial_state(
-            flat_vector(params)
-        )
-
-    def advance(loss, params, args, box, scale, tol, state, found):
-        def loss_at(x):
-            return loss(x, *args)
-
-        descent = _make_descent(params, box, scale, tol, steps, loss_at, optimizer)
-        return descent.advance(state, found)
-
-    first = trace_function(begin, *where)
-    found = Evaluation(loss.result[0], start, loss.result[1])
-    return first, trace_function(advance, loss, *where, first.result, found)
+    given = evaluate, params, box, tol, steps, listen
+    search = Descent(*given, scale=scale, propose=propose)
+    code = search.status()
+    end = search.current if code in (status.OK, status.STATIONARY) else search.best
+    point = unevaluated_point(search.start, 1, code) if end is None else end.point
+    return Design(
+        params=unflatten_params(point.x, params),
+        loss=point.loss,
+        gradient=unflatten_params(point.gradient, params),
+        gradient_norm=point.loss * np.nan if end is None else end.measure,
+        history=History(*search.history(True, True, False, False, False)),
+        status=np.int32(code),
+        steps=np.int32(max(len(search.rows) - 1, 0)),
+        evaluations=np.int32(search.evaluations),
+        failures=np.int32(search.failures),
+    )
 
 
 @as_program
 def _evaluate(loss, x, args):
-    """Return the `Evaluation` of a loss with its gradient, at flat parameters [n]."""
-    return loss_and_gradient(lambda x: loss(x, *args), x)
+    """Return a loss, a `TracedFunction`, with gradient and status at flat parameters [n]."""
+    (value, code), gradient = jax.value_and_grad(loss, has_aux=True)(x, *args)
+    return value, gradient, code
 
 
-def _make_descent(params, box, scale, tol, steps, loss=None, optimizer=None):
-    """Return the `Descent` of `minimize` from the start `params`."""
-    start, back = ravel_pytree(params)
-    floor = box.typical_sizes(start)
-    scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
-    criteria = MinimumCriteria(box, floor, tol)
-    return Descent(loss, back, optimizer, steps, box, criteria, scale)
+def _trace_optimizer(optimizer, loss, args, params, box):
+    """Trace a user's optimizer, which may read from outside what has changed.
+
+    Returns two of `TracedFunction`: that of its first state, and that of its step [n] and next
+    state. They have the parameters as one array [n].
+    """
+    optimizer, start = optax.with_extra_args_support(optimizer), flat_vector(params)
+
+    def init(x, scale):
+        return optimizer.init(unflatten_params(x / scale, params))
+
+    def update(loss, args, box, scale, x, value, gradient, state):
+        def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
+            x = jnp.clip(flat_vector(scaled) * scale, box.lower, box.upper)
+            value, code = loss(x, *args)
+            return jnp.where((code == status.OK) & jnp.isfinite(value), value, jnp.inf)
+
+        slope = unflatten_params(scale * gradient, params)
+        given = {"value": value, "grad": slope, "value_fn": value_of}
+        step, new = optimizer.update(slope, state, unflatten_params(x / scale, params), **given)
+        # the next step needs a state of the same types
+        new = jax.tree.map(lambda a, b: jnp.asarray(b, jnp.asarray(a).dtype), state, new)
+        return flat_vector(step).astype(x.dtype) * scale, new
+
+    first = trace_function(init, start, start)
+    given = loss, args, box, start, start, loss.result[0], start, first.result
+    return first, trace_function(update, *given)
 
 
-@functools.partial(as_program, static=("steps",))
-def _initial_state(params, args, box, scale, tol, steps):
-    """Return the first state of a search with the default optimizer."""
-    return _make_descent(params, box, scale, tol, steps).initial_state(flat_vector(params))
+def _steps_of_optimizer(init, update, given):
+    """Return a function of an accepted point to the step, [n], that a user's optimizer proposes.
 
+    `init` and `update` are of `_trace_optimizer`; `given` are the first arguments of `update`.
+    """
+    state: Any = None
 
-@functools.partial(as_program, static=("steps",))
-def _advance(params, args, box, scale, tol, state, found, steps):
-    """Return the next state of a search with the default optimizer."""
-    return _make_descent(params, box, scale, tol, steps).advance(state, found)
+    def propose(current):
+        nonlocal state
+        x, loss = current.point.x, current.point.loss
+        if state is None:
+            state = evaluate_traced(init, x, given[-1])
+        step, state = evaluate_traced(update, *given, x, loss, current.inside, state)
+        return np.asarray(step)
 
-
-@as_program
-def _make_design(params, box, tol, end):
-    """Convert the last state `end` of a search, which started at `params`, to a `Design`."""
-    start, back = ravel_pytree(params)
-    converged = (end.code == status.OK) | (end.code == status.STATIONARY)
-    point = select_tree(converged, end.current, end.best)
-    return Design(
-        params=back(point.x),
-        loss=point.loss,
-        gradient=back(point.gradient),
-        gradient_norm=point.measure,
-        history=end.history,
-        status=search_or_input_status(end.code, box, start, tol),
-        steps=jnp.maximum(end.n_accepted, 0),
-        evaluations=end.evaluations,
-        # of accepted steps, and of a last step that was never accepted
-        failures=jnp.sum(jnp.maximum(end.history.failures, 0)) + end.failures,
-    )
-
-
-_within_program = KnownPrograms()
+    return propose

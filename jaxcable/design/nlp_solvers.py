@@ -1,6 +1,6 @@
 """Run libraries of nonlinear programming: SciPy's SLSQP and trust-constr, and IPOPT.
 
-Each is a function of a problem (`trials.ScaledProblem`), the largest number of steps and a
+Each is a function of a problem (`ConstrainedSearch`), the largest number of steps and a
 tolerance. None of them is asked whether it has converged: `optimality` verifies the points that it
 accepts.
 """
@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are imported where they are first used
 
-from .trials import RunEnded, ScaledProblem
+from .constrained_search import ConstrainedSearch, RunEnded
 
 _LEAST_TOL = 1e-12  # least tolerance of IPOPT: below, rounding keeps it from ending
 _MEMORY = 50  # steps from which IPOPT takes the curvature; with its 6 it needs three times as many
 _NO_BOUND = 2e19  # IPOPT takes what is beyond 1e19 for infinite
 
 
-def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
+def run_slsqp(problem: ConstrainedSearch, steps: int, tol: float) -> None:
     """Run SciPy's SLSQP (Kraft 1988), for up to some hundred parameters.
 
     The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
@@ -30,7 +30,7 @@ def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
     _call_scipy(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
 
 
-def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
+def run_trust_constr(problem: ConstrainedSearch, steps: int, tol: float) -> None:
     """Run SciPy's interior-point method trust-constr (Byrd, Hribar and Nocedal 1999).
 
     The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
@@ -57,7 +57,7 @@ def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) 
     )
     scipy.optimize.minimize(
         problem.loss,
-        problem.start,
+        problem.scaled_start,
         jac=problem.gradient,
         bounds=scipy.optimize.Bounds(problem.lower, problem.upper),
         constraints=[limits] if len(problem.reached.constraints) else [],
@@ -67,7 +67,7 @@ def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) 
     )
 
 
-def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
+def run_ipopt(problem: ConstrainedSearch, steps: int, tol: float) -> None:
     """Run the interior-point method IPOPT (Waechter and Biegler 2006), with few evaluations.
 
     The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual. Where
@@ -75,7 +75,7 @@ def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
     """
     import ipyopt
 
-    m, n = problem.reached.jacobian.shape
+    m, n = len(problem.reached.constraints), len(problem.scaled_start)
     ended = False
 
     def value_or_nan(function, y):
@@ -118,10 +118,10 @@ def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
             "max_iter": steps,
         },
     )
-    search.solve(problem.start.copy())
+    search.solve(problem.scaled_start.copy())
 
 
-def nlp_solver_by_name(name: Any) -> Callable[[ScaledProblem, int, float], None]:
+def nlp_solver_by_name(name: Any) -> Callable[[ConstrainedSearch, int, float], None]:
     """Return the function that runs the optimization library of this name: `run_slsqp` and so on.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Missing derivatives: of results of searches, and of functions at a norm of zero."""
+"""Missing derivatives of users' functions, as at a norm of zero: a warning."""
 
 from __future__ import annotations
 
@@ -10,24 +10,6 @@ import numpy as np
 from ..common import status
 from ..common.checks import warn_user
 from ..common.types import ArrayLike, Float, Int, PyTree
-
-
-@jax.custom_jvp
-def refuse_derivative(tree: PyTree[Any]) -> PyTree[Any]:
-    """Return the pytree unchanged, such that differentiating through it raises ValueError.
-
-    Without this, a derivative of a search would be a silent NaN or zero.
-    """
-    return tree
-
-
-@refuse_derivative.defjvp
-def _raise_on_derivative(primals, tangents):
-    """Raise ValueError: this is the derivative rule of `refuse_derivative`."""
-    raise ValueError(
-        "a result of minimize or fit has no derivative; pass lax.stop_gradient of what it depends "
-        "on, or differentiate its optimality conditions"
-    )
 
 
 def warn_of_undefined_derivative(

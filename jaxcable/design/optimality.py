@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # its parts are imported where they are first used
 
 from ..common.types import Float
+from .bounds import BoxBounds
 from .trials import TrialPoint
 
 _NEAR = 1e-3  # constraints further below zero, and bounds further away over sizes, are not active
@@ -18,7 +19,7 @@ _ITERATIONS = 30  # of nonnegative least squares, for each active limit: ten tim
 
 def solve_kkt_conditions(
     point: TrialPoint,
-    bounds: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
+    box: BoxBounds,
     size: Float[np.ndarray, " n"],
     margin: float,
 ) -> tuple[Float[np.ndarray, " m"], float]:
@@ -28,7 +29,7 @@ def solve_kkt_conditions(
 
     Args:
         point: parameters [n], loss and constraints [m] with their derivatives.
-        bounds: lower and upper bounds of the parameters; they get multipliers, too.
+        box: `BoxBounds` of the parameters; they get multipliers, too.
         size: typical sizes of the parameters, [n].
         margin: a constraint counts as active at ``c = -margin``.
 
@@ -41,10 +42,9 @@ def solve_kkt_conditions(
     n, m = len(point.x), len(point.constraints)
     if point.failed:
         return np.full(m, np.nan), np.inf
-    rows = np.concatenate([point.jacobian * size, -np.eye(n), np.eye(n)])
-    lower, upper = bounds
+    rows = np.concatenate([point.jacobian[1:] * size, -np.eye(n), np.eye(n)])
     below = np.maximum(0.0, -(point.constraints + margin))
-    slack = np.concatenate([below, (point.x - lower) / size, (upper - point.x) / size])
+    slack = np.concatenate([below, (point.x - box.lower) / size, (box.upper - point.x) / size])
     near = np.flatnonzero(slack <= _NEAR)
     gradient = point.gradient * size
     force = np.zeros(m + 2 * n)

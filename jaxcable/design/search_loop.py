@@ -6,11 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import numpy as np
 from jax import lax
 
 from ..common.jax_internals import is_untransformed
-from ..common.progress import Step, Trial, report_progress
 from ..common.types import PyTree
 from .no_derivative import warn_of_undefined_derivative
 
@@ -73,40 +71,3 @@ def search_in_program(
         return after
 
     return lax.while_loop(lambda state: state.running, iterate, state)
-
-
-def make_report(
-    listen: Callable[[Any], object] | None,
-    kind: type[Step] | type[Trial],
-    steps: int,
-    is_news: Callable[[Any, Any], Any],
-    numbers: Callable[[Any], dict[str, Any]],
-) -> Callable[[Any, Any], object] | None:
-    """Return the function of two states that reports progress from either loop; None without.
-
-    Args:
-        listen: function of a report, or None.
-        kind: class of the report.
-        steps: its field ``count``.
-        is_news: function of a state and the next one: whether to report.
-        numbers: function of the next state to the other fields of the report by name, scalars.
-    """
-    if listen is None:
-        return None
-
-    def report(before, after):
-        if isinstance(after.running, jax.core.Tracer):
-            known = {"count": steps}
-            news = is_news(before, after)
-            lax.cond(news, lambda: report_progress(listen, kind, known, numbers(after)), _nothing)
-            return
-        before, after = jax.tree.map(np.asarray, (before, after))
-        if is_news(before, after):
-            fields = {name: value.item() for name, value in numbers(after).items()}
-            listen(kind(count=steps, **fields))
-
-    return report
-
-
-def _nothing():
-    """Do nothing."""

@@ -1,113 +1,47 @@
-"""Trial points of a search: their evaluation, when they count as failed, and the final status.
+"""Trial points of a search: their evaluation, when they count as failed, and what is recorded.
 
 The rules are the same in `minimize`, `fit`, `tune` and `minimize_subject_to`. A trial point has
 failed if its analysis has, or if one of its numbers is not finite. It is counted, never accepted,
 and the search goes on with a shorter step. A loss, constraints or residuals are evaluated with
 their derivatives by one program.
 
-The searches of `minimize` and `fit` have one form: a state with the point to be evaluated next,
-``state.trial``, as long as it is ``running``, and ``advance(state, evaluation)``, which accepts the
-point or not. So the program of a search evaluates at one place, and `tune` can do it outside.
+A search is a loop on the host over such programs, and computes with NumPy only: within another
+program it is a call of the host (`programs.search_call`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ..common import jax_internals as internals
 from ..common import status
-from ..common.types import Array, Bool, Float, Int
+from ..common.progress import as_listener
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..programs.program_calls import as_program
+from ..programs.search_call import run_search
+from ..programs.traced_function import TracedFunction
+from .bounds import BoxBounds, flat_vector
+from .no_derivative import warn_of_undefined_derivative
 
-_FAILED_LOSS = 1e10
-"""Scaled loss of a failed analysis: no search accepts it, since the gradient at the start is 1."""
-
-
-class Evaluation(NamedTuple):
-    """Values of a function at a trial point with their derivatives and the status code.
-
-    Values are an array [m] with a Jacobian [m, n], or a scalar loss with a gradient [n].
-    """
-
-    values: Float[Array, " *m"]
-    jacobian: Float[Array, "*m n"]
-    code: Int[Array, ""]
-
-    def mark_nonfinite(self) -> Evaluation:
-        """Return the evaluation, with NONFINITE in place of OK if a number is NaN or infinite."""
-        finite = jnp.all(jnp.isfinite(self.values)) & jnp.all(jnp.isfinite(self.jacobian))
-        code = jnp.where((self.code == status.OK) & ~finite, status.NONFINITE, self.code)
-        return self._replace(code=code)
-
-
-def final_status(
-    start_ok: Bool[Array, ""],
-    stationary: Bool[Array, ""],
-    converged: Bool[Array, ""],
-    stalled: Bool[Array, ""],
-) -> Int[Array, ""]:
-    """Return the status that a search gets if it ends at this point.
-
-    Args:
-        start_ok: whether the analysis at the start has succeeded; if not: BAD_START.
-        stationary: whether it has converged where nothing tells a minimum from a maximum, as at a
-            start without slope: STATIONARY.
-        converged: whether it has converged: OK.
-        stalled: whether no further step is possible: STALLED, else OUT_OF_STEPS.
-    """
-    code = jnp.where(stalled, status.STALLED, status.OUT_OF_STEPS)
-    code = jnp.where(start_ok, code, status.BAD_START)
-    code = jnp.select([stationary, converged], [status.STATIONARY, status.OK], code)
-    return code.astype(jnp.int32)
-
-
-def values_and_jacobian(
-    function: Callable[[Float[Array, " n"]], tuple[Float[Array, " m"], Int[Array, ""]]],
-    x: Float[Array, " n"],
-    count: int,
-) -> Evaluation:
-    """Evaluate a function of parameters `x` [n] to (values [count], status code) and its Jacobian.
-
-    Forward mode is used for at most as many parameters as values, else reverse mode.
-    """
-    if x.size <= count:
-        # not `jax.linearize`: separate forward and linear parts make a program half as long again
-        def push(direction):
-            return jax.jvp(function, (x,), (direction,), has_aux=True)
-
-        out = None, 1, None  # values are those of every direction
-        return Evaluation(*jax.vmap(push, out_axes=out)(jnp.eye(x.size, dtype=x.dtype)))
-    values, pull, code = jax.vjp(function, x, has_aux=True)
-    jacobian = jax.vmap(pull)(jnp.eye(count, dtype=values.dtype))[0]
-    return Evaluation(values, jacobian, code)
-
-
-def loss_and_gradient(
-    function: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Int[Array, ""]]],
-    x: Float[Array, " n"],
-) -> Evaluation:
-    """Evaluate a function of parameters `x` [n] to (loss, status code) and its gradient [n]."""
-    (value, code), gradient = jax.value_and_grad(function, has_aux=True)(x)
-    return Evaluation(value, gradient, code)
+_T = TypeVar("_T")
 
 
 class TrialPoint(NamedTuple):
-    """A trial point of an optimization library: parameters, loss, constraints, derivatives, status.
+    """A trial point of a search: parameters, values with their derivatives, and the status.
 
     Attributes:
         x: parameters, [n].
-        loss, gradient: loss, and its gradient, [n].
-        constraints, jacobian: constraints, [m], and their Jacobian, [m, n].
-        code: status code.
+        values: residuals, or the loss followed by the constraints, [m].
+        jacobian: derivatives of the values, [m, n].
+        code: status code; NONFINITE if a number is not finite although the analysis has converged.
     """
 
     x: np.ndarray
-    loss: float
-    gradient: np.ndarray
-    constraints: np.ndarray
+    values: np.ndarray
     jacobian: np.ndarray
     code: int
 
@@ -115,6 +49,21 @@ class TrialPoint(NamedTuple):
     def failed(self) -> bool:
         """Whether the analysis at this point has failed, or a number of it is not finite."""
         return self.code != status.OK
+
+    @property
+    def loss(self) -> Any:
+        """The loss, a scalar."""
+        return self.values[0]
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """The gradient of the loss, [n]."""
+        return self.jacobian[0]
+
+    @property
+    def constraints(self) -> np.ndarray:
+        """The constraints, [m - 1]."""
+        return self.values[1:]
 
     @property
     def violation(self) -> float:
@@ -132,120 +81,137 @@ class TrialPoint(NamedTuple):
         return (self.violation > 0, self.loss) < (other.violation > 0, other.loss)
 
 
-class RunEnded(Exception):  # noqa: N818 - not an error
-    """Raised by a function that an optimization library calls, to end the run of the library."""
+def unevaluated_point(x: Float[np.ndarray, " n"], count: int, code: int) -> TrialPoint:
+    """Return the record of a start `x`, [n], without results: there are `count` values of NaN."""
+    nan = np.full((count, 1 + x.size), np.nan, x.dtype)
+    return TrialPoint(x, nan[:, 0], nan[:, 1:], code)
 
 
-class ScaledProblem:
-    """A constrained problem in the form that optimization libraries get.
-
-    Parameters and loss are scaled to a size of about 1. Every trial point is projected into the
-    bounds, counted and remembered. Where an analysis fails, the library gets a loss so high that it
-    shortens the step, and the constraints of the last point that succeeded. If it asks for the
-    gradient there, it has given up: its run ends.
+class Search:
+    """A search within bounds, for known numbers: it evaluates a function at trial points.
 
     Args:
-        evaluate: function of the parameters [n] to an `Evaluation` of loss and constraints, the
-            loss first.
-        bounds: lower and upper bounds, [n] each.
-        margin: the library gets the constraints plus this.
-        on_accept: function called with every `TrialPoint` that the library has accepted; if it
-            returns True the run ends.
+        evaluate: function of flat parameters [n] to values [m] (or a loss), their derivatives
+            [m, n] (or [n]) and a status code.
+        params: the start, a pytree of floats.
+        box: `BoxBounds`; every trial point is projected into them, and gets their dtype.
+        tol, steps: tolerance, and the largest number of steps, as of `minimize`.
+        listen: function of a report of progress, or None.
 
     Attributes:
+        start: the start, [n].
         evaluations, failures: numbers of trial points, and of those that have failed.
-        best: the point of lowest loss that meets all constraints; if none does, that of the
-            smallest violation.
-        reached: the last point that the library has accepted.
-        last, sound: the last trial point, and the last one whose analysis succeeded.
-        start, lower, upper: scaled start and bounds as the library gets them, [n].
+        rows: rows of the history, numbers.
+        current, best: the last accepted point and the best one, records of the search; or None.
     """
 
     def __init__(
         self,
-        evaluate: Callable[[Any], Evaluation],
-        bounds: tuple[np.ndarray, np.ndarray],
-        margin: float,
-        on_accept: Callable[[TrialPoint], bool],
+        evaluate: Callable[[Any], Sequence[Any]],
+        params: PyTree[Float[Array, " ..."]],
+        box: BoxBounds,
+        tol: Float[ArrayLike, ""],
+        steps: int,
+        listen: Callable[[Any], Any] | None,
     ):
-        self.evaluate, self.bounds, self.margin = evaluate, bounds, margin
-        self.on_accept = on_accept
+        self.params, self.box = jax.tree.map(np.asarray, (params, box))
+        self.start: Any = flat_vector(self.params)
+        self.evaluate, self.tol, self.steps, self.listen = evaluate, float(tol), steps, listen
         self.evaluations = self.failures = 0
-        self.last: Any = None
-        self.sound: Any = None
+        self.current: Any = None
         self.best: Any = None
+        self.rows: list[tuple[float, ...]] = []
 
-    def begin_run(self, start: TrialPoint, size: np.ndarray, unit: float, most: int) -> None:
-        """Set the start of the next run of a library, and the scales of what it gets.
+    def status(self) -> int:
+        """Search, unless what was traced is invalid, and return the status."""
+        code = self.box.input_status(self.start, self.tol)
+        with np.errstate(all="ignore"):
+            return self.run() if code == status.OK else code
 
-        These are parameters over `size` [n], and the loss times `unit`. After `most` evaluations
-        the run ends.
-        """
-        self.size, self.unit, self.most = size, unit, self.evaluations + most
-        self.start, self.reached = start.x / size, start
-        self.lower, self.upper = (bound / size for bound in self.bounds)
+    def run(self) -> int:
+        """Search, and return the status."""
+        raise NotImplementedError
 
     def evaluate_at(self, x: Float[np.ndarray, " n"]) -> TrialPoint:
-        """Evaluate the problem at parameters x, [n], projected into the bounds; count the point.
-
-        Evaluating the last point again costs nothing.
-        """
-        # libraries leave bounds by rounding; numbers belong to the point within, which is kept
-        x = np.clip(x, *self.bounds)
-        if self.last is not None and np.array_equal(x, self.last.x):
-            return self.last
-        values, jacobian, code = (np.asarray(one) for one in self.evaluate(x))
-        values, jacobian = values.astype(float), jacobian.astype(float)
-        self.last = TrialPoint(
-            x, float(values[0]), jacobian[0], values[1:], jacobian[1:], int(code)
-        )
+        """Evaluate the function at parameters x, [n], projected into the bounds; count it."""
+        x = self.box.project(x)
+        values, jacobian, code = self.evaluate(x.astype(self.start.dtype))
+        if self.evaluations == 0:
+            warn_of_undefined_derivative(values, jacobian, code, params=self.params)
+        values, jacobian = (np.asarray(part, x.dtype) for part in (values, jacobian))
+        point = TrialPoint(x, values.ravel(), jacobian.reshape(-1, x.size), int(code))
+        if not point.failed and not all(np.isfinite(part).all() for part in point[1:3]):
+            point = point._replace(code=status.NONFINITE)
         self.evaluations += 1
-        self.failures += self.last.failed
-        if not self.last.failed:
-            self.sound = self.last
-            self.best = self.last if self.last.is_better_than(self.best) else self.best
-        return self.last
+        self.failures += point.failed
+        return point
 
-    def evaluate_scaled(self, y: Float[np.ndarray, " n"]) -> TrialPoint:
-        """Evaluate the problem at scaled parameters y, [n], at a bound with exactly that bound.
+    def record(self, row: tuple[float, ...], kind: Callable[..., Any], *news: Any) -> None:
+        """Add a row to the history, and report it with some `news` as a `progress` of this kind."""
+        self.rows.append(row)
+        if self.listen is not None:
+            numbers = (np.asarray(x).item() for x in news)
+            self.listen(kind(len(self.rows) - 1, self.steps, *numbers))
 
-        Raises RunEnded if the run has had its number of evaluations.
+    def history(self, *is_float: bool) -> list[Any]:
+        """Return the columns of the history, [steps + 1]: floats padded with NaN, integers with -1.
+
+        `is_float` says of each number of a row whether it is a float.
         """
-        if self.evaluations >= self.most:
-            raise RunEnded
-        lower, upper = self.bounds
-        x = np.where(y <= self.lower, lower, y * self.size)
-        return self.evaluate_at(np.where(y >= self.upper, upper, x))
+        nothing = [np.nan if own else -1 for own in is_float]
+        rows = [*self.rows, *[nothing] * (self.steps + 1 - len(self.rows))]
+        dtypes = [self.start.dtype if own else np.int32 for own in is_float]
+        return [np.array(x, dtype) for *x, dtype in zip(*rows, dtypes, strict=True)]
 
-    def loss(self, y: Float[np.ndarray, " n"]) -> float:
-        """Return the scaled loss at scaled parameters y, [n]; huge if the analysis fails."""
-        found = self.evaluate_scaled(y)
-        return _FAILED_LOSS if found.failed else self.unit * found.loss
 
-    def gradient(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the gradient of the scaled loss, [n], at scaled parameters y, [n].
+@as_program
+def values_and_jacobian(
+    function: TracedFunction, args: tuple[Any, ...], x: Float[Array, " n"]
+) -> tuple[Float[Array, " m"], Float[Array, "m n"], Int[Array, ""]]:
+    """Evaluate a function of parameters `x` [n] and further arguments, and its Jacobian.
 
-        Libraries ask for it where they accept a point, so that it also reports the point. Raises
-        RunEnded if the analysis fails there, or if `on_accept` ends the run.
-        """
-        found = self.evaluate_scaled(y)
-        if found.failed:
-            raise RunEnded
-        if not np.array_equal(found.x, self.reached.x):
-            self.reached = found
-            if self.on_accept(found):
-                raise RunEnded
-        return self.unit * found.gradient * self.size
+    The function returns values [m] and a status code. Forward mode is used for at most as many
+    parameters as values, else reverse mode.
 
-    def constraints(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the constraints plus `margin`, [m], at scaled parameters y [n]; met if <= 0."""
-        return self._sound_point(y).constraints + self.margin
+    Returns:
+        The values [m], their Jacobian [m, n], and the status code.
+    """
 
-    def jacobian(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the Jacobian of the constraints by the scaled parameters, [m, n], at y, [n]."""
-        return self._sound_point(y).jacobian * self.size
+    def with_values(x):
+        values, code = function(x, args)
+        return values, (values, code)
 
-    def _sound_point(self, y):
-        """Return the trial point at scaled parameters y; if it failed, the last that succeeded."""
-        found = self.evaluate_scaled(y)
-        return self.sound if found.failed else found
+    # not `jax.linearize`: separate forward and linear parts make a program half as long again
+    differentiate = jax.jacfwd if x.size <= function.result[0].size else jax.jacrev
+    jacobian, (values, code) = differentiate(with_values, has_aux=True)(x)
+    return values, jacobian, code
+
+
+def call_search(
+    search: Callable[..., _T],
+    functions: tuple[Any, ...],
+    numbers: tuple[Any, ...],
+    tol: Float[ArrayLike, ""],
+    steps: int,
+    progress: Any,
+) -> _T:
+    """Return ``search(*functions, *numbers, tol, steps, listen)``, also for traced numbers.
+
+    Args:
+        search: function of known arrays, see `run_search`. An invalid tolerance ends it at once,
+            with a result in the shapes of others.
+        functions: traced functions and what they take, pytrees of arrays.
+        numbers: pytrees of what the search itself computes with.
+        tol, steps, progress: as of `fit`.
+
+    Returns:
+        The result in arrays of jax.
+    """
+    listen = as_listener(progress)
+
+    def run(problem):
+        return search(*problem, int(steps), listen)
+
+    shapes = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), numbers)
+    like, problem = run((*functions, *shapes, np.nan)), (*functions, *numbers, tol)
+    return internals.as_jax_arrays(run_search(run, problem, like, reports=listen is not None))

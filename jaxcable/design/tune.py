@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
 from ..analysis.as_built_statements import stated_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
@@ -21,7 +20,7 @@ from ..common import checks, status
 from ..common import jax_internals as internals
 from ..common.compilation import is_top_level_call
 from ..common.progress import Trial, as_listener
-from ..common.tree import copy_with, pytree, select_tree
+from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
@@ -30,10 +29,9 @@ from ..model.result_parts import named_groups_of, present_elements, slack_elemen
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
-from .bounds import flat_vector
+from .bounds import check_search_arguments, flat_vector, unflatten_params
 from .fit import fit, fit_on_host
 from .targets import Target, deviations, require_targets, result_names_for_targets
-from .trials import Evaluation
 
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
 _MAX_FORWARD = 256  # unknowns up to which forward mode is used; beyond, `fit` takes reverse mode
@@ -120,7 +118,7 @@ def tune(
     The first call traces programs of results and derivatives, which takes about three times as
     long as the first `solve`, and longer if a cable goes slack (see `smooth`). Other numbers, and
     other targets of displacements, positions and tensions, do not trace them again. (Inside of
-    jit and vmap, and with more than 256 unknowns, it is `fit`, which is traced at each call.)
+    jit and vmap, and with more than 256 unknowns, it is `fit`, which traces at each call.)
 
     Args:
         structure, phases: as for `solve`.
@@ -202,50 +200,62 @@ def tune(
             found[k] = with_statement(found[k], name, value)
         return found
 
-    listen, solution, spent = as_listener(progress), None, np.int32(0)
-    seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
+    def seek(structure, values):
+        phases, inputs = phases_with(values), [t.value for t in targets]
+        leaves = jax.tree.leaves((structure, phases, inputs, bounds, start))
+        # lengths of elements as built are found in `solve`
+        within = stated_as_built(structure, phases, start) or not is_top_level_call(leaves)
+        if within or flat_vector(values).size > _MAX_FORWARD:
+
+            def residuals(values):
+                solution = solve(structure, phases_with(values), method, start=start)
+                return _weighted_deviations(targets, solution), solution
+
+            return fit(residuals, values, bounds, steps=steps, tol=tol, progress=progress)
+        own = as_program(lambda x: unflatten_params(x, values))
+        measure = functools.partial(_weighted_deviations, targets)
+        given = measure, result_names_for_targets(targets), method, start
+        analyse = MeasuredAnalysis(structure, lambda x: phases_with(own(x)), *given)
+        checks.require_whole_number(steps, "steps")
+        box = check_search_arguments(values, bounds, tol)
+        return internals.as_jax_arrays(
+            fit_on_host(analyse, *box, int(steps), as_listener(progress))
+        )
+
+    solution, spent = None, []
     plain = smooth and start is None and not stated_as_built(structure, phases)
     pressing = replace_cables_by_bars(structure) if plain else None
     if pressing is not None:
-        found = seeks(pressing, values)
-        spent = found.steps
-        reached = _select_converged(found.status, found.params, values)
+        found = seek(pressing, values)
+        spent.append(found.steps)
+        xp = checks.numpy_or_jax(found.status)
+        good = xp.asarray(found.status) == status.OK
+        reached = jax.tree.map(functools.partial(xp.where, good), found.params, values)
         with contextlib.suppress(ValueError):  # forces below zero, which bars take
             solution = solve(structure, phases_with(reached), method)
             values = reached
     if solution is None or not _cables_act_like_bars(targets, solution, found):
-        found = seeks(structure, values)
-        steps_of_both = checks.as_numpy_if_known(spent) + checks.as_numpy_if_known(found.steps)
-        found = copy_with(found, steps=internals.as_jax_arrays(steps_of_both))
+        found = seek(structure, values)
+        spent.append(found.steps)
         solution = solve(structure, phases_with(found.params), method, start=start)
+    return _make_tuned(structure, phases_with(found.params), targets, solution, found, spent)
+
+
+def _make_tuned(structure, phases, targets, solution, found, spent):
+    """Return the `Tuned` of a `Fit` that a search has found, and of the solution of its phases.
+
+    `spent` are the numbers of trial points of all searches.
+    """
     deviation = deviations(targets, solution)
-    allowed = [target.within for target in targets]
-    within = np.repeat(allowed, [len(own) for own in deviation])
-    pairs = zip(deviation, allowed, strict=True)
-    met = [checks.numpy_or_jax(own, most).all(abs(own) <= most) for own, most in pairs]
+    within = np.repeat([t.within for t in targets], [len(own) for own in deviation])
+    met = [(abs(own) <= t.within).all() for own, t in zip(deviation, targets, strict=True)]
     influence = checks.as_numpy_if_known(found.jacobian) * within[:, None]
-    return Tuned(
-        phases=phases_with(found.params),
-        values=found.params,
-        solution=solution,
-        deviation=internals.as_jax_arrays(deviation),
-        met=internals.as_jax_arrays(met),
-        influence=internals.as_jax_arrays(influence),
-        free=found.free,
-        without_influence=found.without_influence,
-        status=found.status,
-        steps=found.steps,
-        remarks=_describe_nearly_slack(
-            structure, solution, min(t.phase % len(phases) for t in targets)
-        ),
-    )
-
-
-def _select_converged(code, new, old):
-    """Return the tree `new` if a status is OK, else `old`."""
-    if isinstance(code, jax.core.Tracer):
-        return select_tree(code == status.OK, new, old)
-    return new if int(code) == status.OK else old
+    first_phase = min(t.phase % len(phases) for t in targets)
+    remarks = _describe_nearly_slack(structure, solution, first_phase)
+    steps = sum(map(checks.as_numpy_if_known, spent))
+    numbers = internals.as_jax_arrays((deviation, met, influence))
+    flags = found.free, found.without_influence, found.status, internals.as_jax_arrays(steps)
+    return Tuned(phases, found.params, solution, *numbers, *flags, remarks)
 
 
 def _weighted_deviations(targets, solution):
@@ -253,49 +263,6 @@ def _weighted_deviations(targets, solution):
     found = deviations(targets, solution)
     parts = [d / t.within for d, t in zip(found, targets, strict=True)]
     return checks.numpy_or_jax(parts).concatenate(parts)
-
-
-def _make_search(phases_with, targets, bounds, method, start, options):
-    """Return a function of (structure, start values of the unknowns) that searches, to a `Fit`.
-
-    `phases_with` is a function of values of the unknowns to the phases with these; `options` are
-    the number of steps, the tolerance and a function of a `progress.Trial` or None.
-    """
-    steps, tol, listen = options
-    measure, names = (
-        functools.partial(_weighted_deviations, targets),
-        result_names_for_targets(targets),
-    )
-
-    def seek(structure, values):
-        flat = flat_vector(values)
-        phases = phases_with(values)
-        given = structure, phases, [t.value for t in targets], bounds, start
-        whole = stated_as_built(structure, phases, start)  # their lengths are found in `solve`
-        if whole or not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
-
-            def residuals(values):
-                solution = solve(structure, phases_with(values), method, start=start)
-                return measure(solution), solution
-
-            return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
-
-        given = measure, names, method, start
-
-        @as_program
-        def back(x):
-            return ravel_pytree(values)[1](x)
-
-        analyse = MeasuredAnalysis(structure, lambda x: phases_with(back(x)), *given)
-        evaluate = functools.partial(_as_evaluation, analyse)
-        return fit_on_host(evaluate, values, bounds, steps, tol, listen)
-
-    return seek
-
-
-def _as_evaluation(analyse, x):
-    """Return the `Evaluation` of a `MeasuredAnalysis` for inputs x, [n]."""
-    return Evaluation(*analyse(x))
 
 
 def _describe_nearly_slack(structure, solution, first_phase):
@@ -373,10 +340,7 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"
             )
-        values.append(internals.as_jax_arrays(jax.tree.map(_as_default_float, value)))
+        values.append(
+            jax.tree.map(lambda x: jnp.asarray(checks.as_numpy_if_known(x), float), value)
+        )
     return values
-
-
-def _as_default_float(x):
-    """Return a number or array as an array of the default float type."""
-    return jnp.asarray(x, float) if isinstance(x, jax.core.Tracer) else np.asarray(x, float)

@@ -200,7 +200,7 @@ def _platform_index(block, equation, _):
 def _host_call(block, equation, inputs):
     given, avals = equation.params, [x.aval for x in equation.outvars]
     function = host_calls.function_of_call_name(given["target_name"])
-    return _write_host_call(block, function, inputs, avals, not given["has_side_effect"])
+    return write_host_call(block, function, inputs, avals, not given["has_side_effect"])
 
 
 @rule("pure_callback", "io_callback", "debug_callback")
@@ -208,10 +208,10 @@ def _callback(block, equation, inputs):
     avals = [x.aval for x in equation.outvars]
     function = equation.params["callback"]
     pure = equation.primitive.name == "pure_callback"
-    return _write_host_call(block, function, inputs, avals, pure, copies=True)
+    return write_host_call(block, function, inputs, avals, pure, copies=True)
 
 
-def _write_host_call(block, function, inputs, avals, pure, copies=False):
+def write_host_call(block, function, inputs, avals, pure, copies=False):
     """Write a call of a NumPy function that returns a sequence of arrays.
 
     With `copies` it gets arrays of its own, and may keep those that it returns: it is a user's,

@@ -8,6 +8,9 @@ and run, so that a script does the same every time.
 
 from __future__ import annotations
 
+import contextlib
+import threading
+from collections.abc import Iterator
 from types import TracebackType
 from typing import Literal, get_args
 
@@ -23,6 +26,7 @@ _OVER_CALLS = 0.7  # part of it that earlier calls may have taken before a call 
 _IN_A_CALL = 0.25  # part of it after which a call ends and begins again, compiled
 
 _ways: list[Way] = ["auto"]  # the way that is set, in this process
+_thread = threading.local()  # with `host_calls`, how many calls of the host it is in
 
 
 class evaluation:  # noqa: N801  (called as a function, used in a `with` block)
@@ -76,8 +80,11 @@ class evaluation:  # noqa: N801  (called as a function, used in a `with` block)
 def way_now() -> Way:
     """Return how programs run now: "numpy" for as long as NumPy can, "xla", or "auto".
 
-    Accelerators, several devices, and loops that are fused need compiled programs.
+    Accelerators, several devices, and loops that are fused need compiled programs. Within a call
+    of the host by a compiled program there is NumPy only.
     """
+    if is_within_host_call():
+        return "numpy"
     if jax.default_backend() != "cpu" or jax.device_count() > 1 or are_loops_fused():
         return "xla"
     return _ways[0]
@@ -91,3 +98,18 @@ def is_compiled(way: Way, work: float, n_equation: int) -> bool:
 def most_work(way: Way, n_equation: int) -> float:
     """Return the work that a call may do by NumPy."""
     return float("inf") if way == "numpy" else _IN_A_CALL * _COMPILING * n_equation
+
+
+@contextlib.contextmanager
+def within_host_call() -> Iterator[None]:
+    """Have NumPy evaluate all programs in this block, in this thread, to arrays of NumPy."""
+    _thread.host_calls = getattr(_thread, "host_calls", 0) + 1
+    try:
+        yield
+    finally:
+        _thread.host_calls -= 1
+
+
+def is_within_host_call() -> bool:
+    """Tell whether this thread is in a block of `within_host_call`."""
+    return getattr(_thread, "host_calls", 0) > 0

@@ -74,8 +74,18 @@ class TracedFunction:
         leaves, tree = jax.tree.flatten(arguments)
         if tree != self.equations.arguments_tree:
             raise ValueError(f"arguments: expected {self.equations.arguments_tree}, got {tree}")
-        found = internals.bind_constants(self.equations.jaxpr, self.captured)(*leaves)
+        jaxpr = self.equations.jaxpr
+        captured = map(_as_key, self.captured, jaxpr.constvars)
+        found = internals.bind_constants(jaxpr, list(captured))(*map(_as_key, leaves, jaxpr.invars))
         return self.equations.result_tree.unflatten(found)
+
+
+def _as_key(x, variable):
+    """Return an array for a variable of a jaxpr: for a random key, searches have its data."""
+    dtype = variable.aval.dtype
+    if not jax.dtypes.issubdtype(dtype, jax.dtypes.prng_key) or x.dtype == dtype:
+        return x
+    return jax.random.wrap_key_data(x, impl=internals.implementation_of_keys(dtype))
 
 
 def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]) -> TracedFunction:

@@ -153,6 +153,35 @@ def listeners():
 
 
 @program
+def searches():
+    """Searches on the host in a compiled program, which go on while it computes, in two threads."""
+    structure, _ = jc.scenes.saddle(3, 3)
+
+    def fitted(height):
+        def misfit(q):
+            return jc.force_density(structure, q)[:, 2].sum() - height
+
+        return jc.fit(misfit, 600.0, steps=5).misfit
+
+    def busy(x):
+        return jnp.tanh(jnp.outer(x, jnp.arange(2000.0)) @ jnp.ones((2000, 200))).sum()
+
+    run = jax.jit(lambda x: (jax.vmap(fitted)(x), busy(x)))
+
+    def at_once(k):
+        def one(n):
+            jax.block_until_ready(run(jnp.linspace(1.0, 2.0 + k + n, 4)))
+
+        threads = [threading.Thread(target=one, args=(n,)) for n in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    return at_once
+
+
+@program
 def control():
     """Batched calls of LAPACK as jax makes them: on jaxlib 0.10 these wait for ever."""
     run = jax.jit(lambda a: [jnp.linalg.cholesky(a + k) for k in range(4)])

@@ -16,7 +16,8 @@ import pytest
 import jaxcable as jc
 from jaxcable import design
 from jaxcable.common import status
-from jaxcable.design import constrained, nlp_solvers, trials
+from jaxcable.design import constrained, constrained_search, nlp_solvers, trials
+from jaxcable.design.bounds import BoxBounds
 from jaxcable.design.optimality import solve_kkt_conditions
 
 IPOPT = pytest.param(
@@ -221,19 +222,19 @@ def test_a_library_that_goes_on_for_ever_is_ended(monkeypatch):
     def endless(problem, steps, tol):
         while True:
             endless.calls += 1
-            problem.loss(problem.start + 1e-3 * np.sin(endless.calls))
+            problem.loss(problem.scaled_start + 1e-3 * np.sin(endless.calls))
 
     endless.calls = 0
     monkeypatch.setattr(constrained, "nlp_solver_by_name", lambda _: endless)
     found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), steps=7, rounds=3)
     assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS)
-    assert found.evaluations <= 1 + 3 * 7 * constrained._MAX_TRIALS
+    assert found.evaluations <= 1 + 3 * 7 * constrained_search.MAX_TRIALS
 
 
 def point(x, gradient, constraints=(), jacobian=(), code=0):
     x, gradient, constraints = (np.array(v, float) for v in (x, gradient, constraints))
-    jacobian = np.array(jacobian, float).reshape(-1, len(x))
-    return trials.TrialPoint(x, 1.0, gradient, constraints, jacobian, code)
+    jacobian = np.vstack([gradient, np.array(jacobian, float).reshape(-1, len(x))])
+    return trials.TrialPoint(x, np.append(1.0, constraints), jacobian, code)
 
 
 LEFT = [[-1.0, 0.0]]  # the Jacobian of a limit -x <= 0
@@ -257,8 +258,8 @@ LEFT = [[-1.0, 0.0]]  # the Jacobian of a limit -x <= 0
 )
 def test_conditions_of_a_minimum_by_hand(given, residual):
     """Bounds 0 to 1 on y; sizes 2 and 1."""
-    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, 1.0])
-    multipliers, found = solve_kkt_conditions(point(*given), bounds, np.array([2.0, 1.0]), 0.0)
+    box = BoxBounds(np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]), (2,))
+    multipliers, found = solve_kkt_conditions(point(*given), box, np.array([2.0, 1.0]), 0.0)
     assert found == pytest.approx(residual, abs=1e-14)
     if given[0:2] == ([0.0, 0.0], [3.0, 5.0]):
         assert np.allclose(multipliers, [3.0])
@@ -272,26 +273,26 @@ def test_trial_points_are_within_bounds_and_never_nan():
         asked.append(x.copy())
         code = status.NOT_CONVERGED if x[0] > 2 else 0
         values = np.array([x[0] ** 2, x[1] - 1]) if code == 0 else np.full(2, np.nan)
-        return trials.Evaluation(values, np.array([[2 * x[0], 0.0], [0.0, 1.0]]), code)
+        return values, np.array([[2 * x[0], 0.0], [0.0, 1.0]]), code
 
-    own = trials.ScaledProblem(
-        evaluate, (np.array([0.1, 0.0]), np.array([3.0, 3.0])), 0.5, lambda _: False
-    )
-    own.begin_run(own.evaluate_at(np.array([1.0, 1.0])), np.array([0.1, 3.0]), 2.0, 100)
-    assert own.loss(own.start) == 2.0 and len(asked) == 1
-    assert (own.constraints(own.start) == [0.5]).all() and own.jacobian(own.start)[0, 1] == 3.0
-    assert np.allclose(own.gradient(own.start), [0.4, 0.0])
+    box = BoxBounds(np.array([0.1, 0.0]), np.array([3.0, 3.0]), (2,))
+    own = constrained_search.ConstrainedSearch(evaluate, np.ones(2), box, 0.5, 100, None)
+    own.begin_run(own.evaluate_at(own.start), np.array([0.1, 3.0]), 2.0, 100)
+    start = own.scaled_start
+    assert own.loss(start) == 2.0 and len(asked) == 1
+    assert (own.constraints(start) == [0.5]).all() and own.jacobian(start)[0, 1] == 3.0
+    assert np.allclose(own.gradient(start), [0.4, 0.0])
     own.loss(np.array([-50.0, 70.0]))
     assert (asked[-1] == [0.1, 3.0]).all() and own.best.x[0] == 1.0  # a limit is violated there
     beyond = np.array([25.0, 0.0])
     assert own.loss(beyond) > 1e9 and own.failures == 1
     assert (own.constraints(beyond) == [2.5]).all()  # of the last sound point
-    with pytest.raises(trials.RunEnded):
+    with pytest.raises(constrained_search.RunEnded):
         own.gradient(beyond)
     assert own.evaluations == len(asked) == 3
     own.begin_run(own.best, np.ones(2), 1.0, 1)
     own.loss(np.array([1.5, 0.0]))
-    with pytest.raises(trials.RunEnded):
+    with pytest.raises(constrained_search.RunEnded):
         own.loss(np.array([1.6, 0.0]))
 
 

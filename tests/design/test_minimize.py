@@ -15,6 +15,7 @@ from scipy import optimize
 
 import jaxcable as jc
 from jaxcable.common import status
+from jaxcable.design.descent import LimitedMemory
 
 X0 = jnp.array([-1.2, 1.0, -1.2, 1.0])
 UPPER = jnp.array([0.5, 2.0, 0.3, 2.0])
@@ -107,6 +108,19 @@ def test_starts_that_tell_no_size(optimizer):
     for start in (0.0, 1e-6, 1e-9, 1e-13):
         design = jc.minimize(bowl, start * jnp.ones(2), optimizer=optimizer, steps=2000)
         assert int(design.status) == 0 and jnp.abs(design.params - 3).max() < 1e-6
+
+
+def test_quasi_newton_steps_are_those_of_optax():
+    """With more steps than are in the memory."""
+    rng = np.random.default_rng(0)
+    peer, memory = optax.lbfgs(linesearch=None), LimitedMemory()
+    state, update = peer.init(jnp.zeros(4)), traced(peer.update)
+    matrix = np.diag([1.0, 4.0, 9.0, 16.0]) + 0.5
+    for x in rng.normal(size=(13, 4)):
+        expected, state = update(matrix @ x, state, x)
+        # rounding, over the smallest differences of points, 0.1
+        np.testing.assert_allclose(memory.step(x, matrix @ x), expected, rtol=1e-9)
+    assert len(memory.changes) == 10
 
 
 # --- where the loss fails
@@ -297,7 +311,7 @@ def by_hand(pretension, target):
 
 
 @pytest.mark.slow
-def test_pretension_of_a_net_and_one_compilation():
+def test_pretension_of_a_net_and_one_trace():
     """The pretension that leads to a tension under load, in closed form, through two phases."""
     run = functools.partial(jc.minimize, tension_missed, steps=100)
     _, wanted = cross(pretension=4e3).known(LOAD)
@@ -308,7 +322,7 @@ def test_pretension_of_a_net_and_one_compilation():
     count = len(TRACES)
     # where analyses are told to fail nothing is found; what is returned has its loss and gradient
     held = run(jnp.array(5e3), (0.0, 9e3), args=(wanted[0], 4.5e3))
-    assert len(TRACES) == count
+    assert len(TRACES) == count + 1  # once in every call, as `minimize` says
     assert int(held.status) in (status.STALLED, status.OUT_OF_STEPS) and int(held.failures) > 0
     seen = np.asarray(held.history.status)[: int(held.steps) + 1]
     assert set(seen.tolist()) <= {0, status.MECHANISM}

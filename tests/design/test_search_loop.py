@@ -1,4 +1,4 @@
-"""Searches are loops in Python where numbers are known, and loops of a program elsewhere."""
+"""Searches are loops in Python, which other programs call; functions and progress of users."""
 
 import gc
 import weakref
@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import status
@@ -31,17 +32,15 @@ SEARCHES = {
 
 
 @pytest.mark.parametrize("name", SEARCHES)
-def test_both_loops_find_the_same(name):
+def test_a_search_within_a_program_finds_the_same(name):
     """Same points to rounding, reports of the same numbers."""
     search, own, inside = SEARCHES[name], [], []
     found = search(progress=own.append)
     one = jax.block_until_ready(jax.jit(lambda: search(progress=inside.append))())
-    jax.effects_barrier()
     for a, b in zip(*map(jax.tree.leaves, (found, one)), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-9)
     assert [news.number for news in own] == list(range(int(found.steps) + 1))
     assert len(own) == len(inside) > 3
-    inside.sort(key=lambda news: news.number)  # callbacks come in any order
     for a, b in zip(own, inside, strict=True):
         for field, value in a._asdict().items():
             assert getattr(b, field) == pytest.approx(value, rel=1e-6, abs=1e-9)
@@ -79,6 +78,42 @@ def test_what_a_function_captures_may_be_traced():
     np.testing.assert_allclose(jax.vmap(nearest)(several), several, atol=1e-9)
     with pytest.raises(ValueError, match="no derivative"):
         jax.jacfwd(nearest)(several[0])
+
+
+def test_traced_input_that_breaks_a_rule_ends_a_search_at_once():
+    @traced
+    def run(low, tol):
+        given = {"bounds": (low, None), "tol": tol, "steps": 4}
+        return jc.minimize(valley, START, args=(20.0,), **given), jc.fit(
+            lambda x: x, START, **given
+        )
+
+    for low, tol, code in (
+        (0.0, 1e-6, status.OUTSIDE),
+        (np.nan, 1e-6, status.OUTSIDE),
+        (-2.0, -1.0, status.INVALID_INPUT),
+    ):
+        found, fitted = run(low, tol)
+        assert int(found.status) == int(fitted.status) == code
+        np.testing.assert_array_equal(found.params, START)
+        np.testing.assert_array_equal(fitted.params, START)
+        assert np.isnan(found.loss) and np.isnan(fitted.misfit) and np.isnan(found.gradient).all()
+        assert int(found.evaluations) == int(fitted.steps) == 0
+    found, fitted = run(-2.0, 1e-6)
+    assert int(found.status) == int(fitted.status) == status.OUT_OF_STEPS
+    assert found.history.loss.shape == fitted.history.misfit.shape == (5,)
+
+
+def test_random_keys_belong_to_other_programs_too():
+    """NumPy knows nothing of keys: searches get their data, and functions of users the keys."""
+
+    def nearest(key):
+        return jc.fit(lambda x, key: x - jax.random.normal(key, (2,)), START, args=(key,)).params
+
+    keys = jax.random.split(jax.random.key(0), 2)
+    drawn = jnp.stack([jax.random.normal(key, (2,)) for key in keys])
+    np.testing.assert_allclose(jax.vmap(nearest)(keys), drawn, atol=1e-9)
+    np.testing.assert_allclose(jax.jit(nearest)(keys[1]), drawn[1], atol=1e-9)
 
 
 def norms(p):

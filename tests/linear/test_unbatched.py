@@ -116,13 +116,6 @@ def followed(load):
     ).load_factor[-1]
 
 
-def fitted(target):
-    def residuals(x):
-        return jnp.stack([x[0] - target, x[1] * x[0] - 1.0])
-
-    return jc.fit(residuals, jnp.ones(2)).params
-
-
 def hung(sag):
     chain = jc.forms.hanging_chain
     return chain((0.0, 0, 0), (10.0, 0, 1.0), sag=sag, weight=1.0, axial_stiffness=1e4, n=4)
@@ -134,7 +127,6 @@ PROGRAMS = {
     "form": (jax.grad(saddle_form), jnp.ones(2)),
     "path": (followed, jnp.array([500.0, 510.0])),
     "section": (moment, jnp.ones(2)),
-    "fit": (fitted, jnp.ones(2)),
     "hanging chain": (hung, jnp.ones(2)),
     "adjustment": (lambda a: jc.design.adjustment(a, jnp.ones(3)), TALL[:, :3, :3]),
 }

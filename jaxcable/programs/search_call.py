@@ -1,0 +1,160 @@
+"""A search in Python as one operation of jax, so that other programs can contain it.
+
+A search is a loop of Python over programs (`as_program`) of known numbers. Where its arguments are
+traced it becomes a call of the host. XLA waits for its end and may not be able to run another
+program meanwhile: there NumPy evaluates the programs, and no array of jax is made.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+
+from ..common import jax_internals as internals
+from ..common.host_calls import call_on_host, register_host_function_family
+from ..common.types import PyTree
+from . import decision
+from .control_flow import write_host_call
+from .rules import rule
+
+_T = TypeVar("_T")
+
+
+def run_search(
+    search: Callable[[Any], _T], problem: PyTree[Any], like: _T, *, reports: bool = False
+) -> _T:
+    """Return ``search(problem)``, also where numbers of the problem are traced.
+
+    Under `jax.vmap` the cases are searched one after the other. A derivative raises ValueError.
+
+    Args:
+        search: function of a pytree of known arrays to a pytree of arrays. It must not call jax but
+            by functions of `as_program`.
+        problem: pytree of arrays. Random keys in it become their data where numbers are traced.
+        like: pytree of arrays or of `jax.ShapeDtypeStruct` in the shapes and dtypes of the result.
+        reports: whether the search reports progress.
+    """
+    tree: Any
+    result_tree: Any
+    leaves, tree = jax.tree.flatten(problem)
+    shapes, result_tree = jax.tree.flatten(like)
+    is_known = not any(isinstance(x, jax.core.Tracer) for x in leaves)
+    if is_known and internals.is_untransformed():
+        return search(problem)
+
+    def flat(*leaves):
+        return jax.tree.leaves(search(tree.unflatten(leaves)))
+
+    own = _SearchCall(flat, list(map(internals.abstract_argument, shapes)), reports)
+    operands = map(internals.as_operand, leaves)
+    found = _SEARCH.bind(*map(_without_keys, operands), call=own)
+    return result_tree.unflatten(found)
+
+
+def _without_keys(x):
+    """Return the data of random keys, of which NumPy knows nothing; other arrays as they are."""
+    is_key = jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
+    return jax.random.key_data(x) if is_key else x
+
+
+@internals.held_weakly
+class _SearchCall:
+    """A search as a function of arrays.
+
+    Args:
+        search: function of arrays to a list of arrays.
+        shapes: `jax.ShapeDtypeStruct` of the results.
+        reports: whether it reports progress.
+    """
+
+    def __init__(
+        self,
+        search: Callable[..., Sequence[Any]],
+        shapes: Sequence[jax.ShapeDtypeStruct],
+        reports: bool,
+    ):
+        self.search, self.shapes, self.reports = search, shapes, reports
+
+    def on_host(self, *leaves: np.ndarray) -> list[np.ndarray]:
+        """Return the results as arrays of NumPy, without a call of XLA."""
+        with decision.within_host_call():
+            found = self.search(*leaves)
+        return [
+            np.asarray(x, shape.dtype).reshape(shape.shape)
+            for x, shape in zip(found, self.shapes, strict=True)
+        ]
+
+    def mapped(self, axes: Sequence[int | None], count: int) -> _SearchCall:
+        """Return the call for `count` cases, which lie along the `axes` of the arguments."""
+
+        def search(*leaves):
+            rows = [
+                [x] * count if axis is None else np.moveaxis(np.asarray(x), axis, 0)
+                for x, axis in zip(leaves, axes, strict=True)
+            ]
+            cases = [self.search(*case) for case in zip(*rows, strict=True)]
+            return [np.stack([np.asarray(x) for x in parts]) for parts in zip(*cases, strict=True)]
+
+        shapes = [jax.ShapeDtypeStruct((count, *x.shape), x.dtype) for x in self.shapes]
+        return _SearchCall(search, shapes, self.reports)
+
+
+def _evaluate(*leaves, call):
+    """Return the results for known arrays: value of the primitive."""
+    pairs = zip(call.search(*leaves), call.shapes, strict=True)
+    return internals.arrays_on_default_device([np.asarray(x, own.dtype) for x, own in pairs])
+
+
+def _shapes(*_, call):
+    """Shape rule of the primitive."""
+    return [internals.abstract_array(x) for x in call.shapes]
+
+
+def _jvp(primals, tangents, *, call):
+    """Forward derivative: there is none."""
+    if not all(map(internals.is_zero_tangent, tangents)):
+        raise ValueError(
+            "a result of a search such as minimize or fit has no derivative; pass "
+            "lax.stop_gradient of what it depends on, or differentiate its optimality conditions"
+        )
+    found = _SEARCH.bind(*primals, call=call)
+    return found, [internals.zero_tangent(x) for x in found]
+
+
+def _batch(arguments, axes, *, call):
+    """Rule for `jax.vmap`: one case after the other."""
+    count = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
+    found = _SEARCH.bind(*arguments, call=call.mapped(tuple(axes), count))
+    return found, [0] * len(found)
+
+
+_CALLS: dict[str, _SearchCall] = {}  # by what no other process has: none is found in its programs
+
+
+@register_host_function_family
+def _host_search(name):
+    """Return the function of a search that a compiled program calls."""
+    return _CALLS[name].on_host
+
+
+def _compile(*leaves, call):
+    """Return the results within a program of XLA."""
+    name = uuid.uuid4().hex
+    _CALLS[name] = call
+    return list(call_on_host((_host_search, name), call.shapes, *leaves))
+
+
+_SEARCH = internals.define_primitive(
+    "search", _evaluate, _shapes, _jvp, _batch, lowered=_compile, multiple_results=True
+)
+
+
+@rule("search")
+def _write(block, equation, inputs):
+    """Write the call of a search into a program of NumPy."""
+    call, avals = equation.params["call"], [x.aval for x in equation.outvars]
+    return write_host_call(block, call.on_host, inputs, avals, not call.reports)
