@@ -138,6 +138,20 @@ breaking strength
         return [name for name, is_sound in zip(self.names, sound, strict=True) if not is_sound]
 
     @property
+    def unchecked(self) -> dict[str, list[str]]:
+        """Items without a value in a case that has converged, by the name of the check.
+
+        Other cases govern them; without a value in any case nothing is known, and `passed` is
+        False.
+        """
+        good, found = np.asarray(self.status) == status.OK, {}
+        for one in self.results:
+            unknown = np.isnan(np.asarray(one.values)[good[np.asarray(one.counted)]]).any(axis=0)
+            if unknown.any():
+                found[one.name] = [one.items[k] for k in np.flatnonzero(unknown)]
+        return found
+
+    @property
     def passed(self) -> bool:
         """Whether all utilizations are at most 1, and all cases that count are OK and stable."""
         good = (np.asarray(self.status) == status.OK) & np.asarray(self.stable)
@@ -148,12 +162,8 @@ breaking strength
         """Return the names of the cases that govern each item of a check; "" without a value."""
         one = self[name]
         second = one.case if one.second_case is None else one.second_case
-        parts = zip(
-            np.asarray(one.case).tolist(),
-            np.asarray(second).tolist(),
-            np.asarray(one.utilization).tolist(),
-            strict=True,
-        )
+        arrays = one.case, second, one.utilization
+        parts = zip(*(np.asarray(array).tolist() for array in arrays), strict=True)
         return [
             ""
             if np.isnan(used)
@@ -168,19 +178,23 @@ breaking strength
         for one in self.results:
             used = np.asarray(one.utilization)
             k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
-            case = self.governing(one.name)[k] or "no case has converged"
+            case = self.governing(one.name)[k] or "no case has a value"
             clause = f", {one.clause}" if one.clause else ""
             fails = "FAILS: " if used[k] > 1 else ""
             lines.append(
                 f"{one.name}: {fails}utilization {used[k]:.3f}, {one.items[k]}, {case}{clause}"
             )
-        if self.failed:
-            lines.append(f"NOT CHECKED, the analysis has failed: {', '.join(self.failed)}")
-        if self.not_made:
-            lines.append(f"NOT MADE: {'; '.join(self.not_made)}")
-        if self.unstable:
-            lines.append(f"UNSTABLE at the end: {', '.join(self.unstable)}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.remarks()])
+
+    def remarks(self) -> list[str]:
+        """Return sentences on what has not been checked, and on unstable cases."""
+        parts = (
+            ("NOT CHECKED, because the analysis failed", self.failed),
+            ("NOT passed, UNSTABLE at the end", self.unstable),
+            *((f"NOT CHECKED by {k} in each case, no value", v) for k, v in self.unchecked.items()),
+            ("NOT MADE", self.not_made),
+        )
+        return [f"{text}: {'; '.join(names)}" for text, names in parts if names]
 
 
 def checks(

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..common.types import Array, Bool, Float, Int, PyTree
+from ..common.checks import as_numpy_if_known, numpy_or_jax
+from ..common.tree import Indices
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.abilities import POINT_LOADS, is_one_sided
 from ..elements.element import (
     PEAK_TENSION,
@@ -39,9 +41,13 @@ def path_of_group(structure: Structure, k: int) -> str:
 def values_per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Return results in the shape of ``structure.elements`` as a list of NumPy arrays, or None."""
+    """Return results in the shape of ``structure.elements`` as a list of arrays, or None.
+
+    They are arrays of NumPy unless they are traced.
+    """
     return [
-        None if value is None else np.asarray(value) for value in items_per_group(structure, values)
+        None if value is None else as_numpy_if_known(value)
+        for value in items_per_group(structure, values)
     ]
 
 
@@ -64,7 +70,76 @@ def present_elements(
     """
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
-    return [np.asarray(found) > 0 for found in values_per_group(structure, present)]
+    return [as_numpy_if_known(found) > 0 for found in items_per_group(structure, present)]
+
+
+def active_nodes(structure: Structure, state: Any) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes have an active element, or no element at all, [n_node] bool.
+
+    `state` is a `State`, `PhaseResult` or `Solution` with its results.
+    """
+    present = present_elements(structure, state.present)
+    return nodes_of_active_elements(structure.groups, present, structure.n_node, structure.rigid)
+
+
+def nodes_of_active_elements(
+    groups: Sequence[Element | GroupTopology],
+    present: Sequence[Bool[ArrayLike, " n_elem"]],
+    n_node: int,
+    rigid: Indices | None = None,
+) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes have an active element, or no element at all, [n_node] bool.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+        present: which elements are active, per group [n_elem] bool.
+        n_node: number of nodes.
+        rigid: rigid links, [n, 2], whose nodes count as one; or None.
+    """
+    every = [np.ones(len(group.links), bool) for group in groups]
+    either = (_ends_of_elements(groups, which, n_node, rigid) for which in (present, every))
+    active, touched = either
+    return active | ~touched
+
+
+def loose_nodes(
+    structure: Structure, state: Any, fixed: Bool[np.ndarray, "n_node n_freedom"]
+) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes only slack elements hold, [n_node] bool: these have no definite place.
+
+    Slack are cables without tension, and open contacts and bearings. Nodes that supports hold, and
+    inactive ones, do not count.
+
+    Args:
+        structure: `Structure`.
+        state: `State`, `PhaseResult` or `Solution` with its results.
+        fixed: degrees of freedom that supports fix in this state.
+    """
+    present = present_elements(structure, state.present)
+    tensions = values_per_group(structure, state.tension)
+    parts = zip(structure.groups, tensions, present, strict=True)
+    taut = [there & ~slack_elements(group, force, there) for group, force, there in parts]
+    attached, held = (
+        _ends_of_elements(structure.groups, which, structure.n_node, structure.rigid)
+        for which in (present, taut)
+    )
+    return attached & ~held & ~fixed[: structure.n_node, :3].all(axis=1)
+
+
+def _ends_of_elements(groups, chosen, n_node, rigid):
+    """Return which nodes are ends of the `chosen` elements, or rigidly joined to one, [n_node]."""
+    root = np.arange(n_node)
+    if rigid is not None:
+        root[rigid.array[:, 1]] = rigid.array[:, 0]
+    pack = numpy_or_jax(chosen)
+    found = pack.zeros(n_node, bool)
+    for group, which in zip(groups, chosen, strict=True):
+        ends = root[group.links.array]
+        if pack is np:
+            found[ends[which]] = True
+        else:
+            found = found.at[ends].max(which[:, None])
+    return found[root]
 
 
 def slack_elements(
@@ -79,7 +154,7 @@ def slack_elements(
     """
     if tension is None or not is_one_sided(group):
         return np.zeros(len(group.links), bool)
-    return np.asarray(tension >= 0 if group.compression_only else tension <= 0) & present
+    return (tension >= 0 if group.compression_only else tension <= 0) & present
 
 
 class ResultColumn(NamedTuple):

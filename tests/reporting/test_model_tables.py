@@ -143,9 +143,35 @@ def test_stages_have_their_forces_and_reactions():
     solutions = jc.design.solve_cases(BRIDGE, None, cases, start=built)
     over = jc.report(BRIDGE, built, stages, cases=solutions)
     assert over.tables["displacements_by_phase"].rows == begin["displacements"].rows
+    titles = [table.title for table in over.tables.values()]
+    assert len({*titles}) == len(titles)
     first = {name: text.partition("\n")[0].rstrip() for name, text in over.csv().items()}
     for name in ("forces_by_phase", "reactions_by_phase", "displacements_by_phase"):
         assert first[name].startswith(file_names.REPORT[name]) and " (" in first[name]
+
+
+def test_nodes_without_active_elements_have_no_values():
+    """Bars of 1 m and 1 MN in a row, under 1 kN each; the lower one is there in phase 2 alone.
+
+    Each kN makes each bar longer by 1 mm; 0.5 %: bars are added in the deformed geometry.
+    """
+    bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+    guide = jc.pinned([0]) + jc.restrained([1, 2], "xy")
+    chain = jc.Structure([[0.0, 0, 0], [0.0, 0, -1.0], [0.0, 0, -2.0]], bars, supports=guide)
+    phases = [
+        jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1e3))),
+        jc.Phase(loads=jc.NodalLoads([2], (5.0, 0.0, -1e3)), adds=jc.only([1])),  # on the guide
+        jc.Phase(removes=jc.only([1])),
+    ]
+    tables = jc.report(chain, converged(jc.solve(chain, phases))).tables
+    shown = [row[4] for row in tables["displacements"].rows]
+    assert shown[3] is None and shown[5] is None
+    known = [*shown[:3], shown[4]]
+    np.testing.assert_allclose(known, [-1e-3, -2e-3, -1e-3, -2e-3], rtol=5e-3)
+    (lower,) = [row for row in rows(tables["displacement_envelope"]) if row["node"] == 2]
+    assert lower["min uz"] == lower["max uz"] == shown[4]
+    held = {(row[0], row[1]): row[2] for row in tables["reactions_by_phase"].rows}
+    assert [held[2, f"phase {k}"] for k in (1, 2)] == [None, pytest.approx(-5.0)]
 
 
 def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, capsys):

@@ -339,7 +339,7 @@ def test_displacements_of_every_phase_and_their_envelope(net):
     assert found["min uz"] == last[2] and found["max u"] == table.rows[1][5]
     assert list(found.values())[-1] == "phase 2"
     text = jc.report(structure, solution).text()
-    assert f"{1e3 * last[2]:.2f}" in text.split("Displacements from the start (mm)")[1]
+    assert f"{1e3 * last[2]:.2f}" in text.split("Displacements from the start, by phase (mm)")[1]
     # of cases, each from the same start
     structure, _, start, batch = net
     table = jc.report(structure, start, cases=batch).tables["displacements"]
