@@ -118,7 +118,7 @@ def _print_scene(scene, stated):
     for action in scene.actions:
         held = " (in the phases)" * action.in_phases
         print(f"action {action.name}, {action.kind}{held}")
-        print(f"  {describe_action(action, stated)}")
+        print(f"  {describe_action(action, structure, stated)}")
     if scene.combination_rules is not None:
         print(f"combinations by {scene.combination_rules}")
     for check in scene.checks:
@@ -143,9 +143,8 @@ def _print_phase(number, phase, structure, presence, units):
     `presence` is the result of `make_activation`. Numbers are in `units`, None for SI.
     """
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
-    lines = describe_statements(phase, structure, units, name_others=True) + describe_loads(
-        phase, units
-    )
+    lines = describe_statements(phase, structure, units, name_others=True)
+    lines += describe_loads(phase, structure, units)
     if phase.supports is not None:
         lines.append("new supports, which replace those before")
     if presence is not None:

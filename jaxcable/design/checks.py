@@ -40,7 +40,8 @@ class CheckResult:
         terms: forces, resistances and so on in these cases, by name, [n_item] each.
         values: utilizations in all cases that count, [n_counted, n_item]; for ranges the forces.
         counted: indices of the cases that count, [n_counted].
-        name, of, clause, formula, not_covered: of the `Check`.
+        name, clause, formula, not_covered: of the `Check`.
+        of: limit states or rules whose combinations count; empty: all cases.
         inputs: pairs of names and texts: what was given.
         items: names of the items.
         units: pairs of names of terms and their units.
@@ -111,8 +112,7 @@ breaking strength
         for one in self.results:
             if one.name == name:
                 return one
-        known = [one.name for one in self.results]
-        raise KeyError(f"{name!r}{arguments.suggest_names(name, known)}")
+        raise KeyError(f"{name!r}{arguments.suggest_names(name, self.utilization)}")
 
     @property
     def utilization(self) -> dict[str, Float[Array, " n_item"]]:
@@ -141,8 +141,7 @@ breaking strength
     def unchecked(self) -> dict[str, list[str]]:
         """Items without a value in a case that has converged, by the name of the check.
 
-        Other cases govern them; without a value in any case nothing is known, and `passed` is
-        False.
+        Other cases govern them; `passed` is False if none has a value.
         """
         good, found = np.asarray(self.status) == status.OK, {}
         for one in self.results:
@@ -265,7 +264,9 @@ EN 1993-1-11:2006, 7.2
     made, not_made = _list_of_checks(rules, combinations)
     counted = [_counted_cases(one, combinations, count) for one in made]
     values = _values_of_checks(made, counted, structure, solutions)
-    results = [_result_of_check(*one, structure) for one in zip(made, counted, values, strict=True)]
+    of = [tuple(one.of) if combinations is not None else () for one in made]
+    parts = zip(made, of, counted, values, strict=True)
+    results = [_result_of_check(*one, structure) for one in parts]
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
@@ -370,7 +371,7 @@ def _values_of_checks(made, counted, structure, solutions):
     ]
 
 
-def _result_of_check(check, counted, values, structure):
+def _result_of_check(check, of, counted, values, structure):
     """Return the `CheckResult` of one check from its values of `_values_of_checks`."""
     found, (which, second), every = values
     used = found.pop(UTILIZATION)
@@ -389,7 +390,7 @@ def _result_of_check(check, counted, values, structure):
         every,
         jnp.asarray(counted),
         check.name,
-        tuple(check.of),
+        of,
         check.clause,
         check.formula,
         inputs,

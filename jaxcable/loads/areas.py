@@ -86,7 +86,7 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
 
     def describe(self, units: Units = SI) -> str:
         """Return the force per area, in `units`, and on how many faces or which group, as text."""
-        where = self._key_text() if self.faces is None else f" on {len(self.faces)} faces"
+        where = self._key_text()
         forces, factor = (checks.array_if_known(x) for x in (self.forces, self.factor))
         if forces is None or factor is None or forces.ndim != 1 or factor.ndim:
             return f"AreaLoads{where} (per {self.per} area)"
