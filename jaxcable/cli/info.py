@@ -120,7 +120,9 @@ def _print_scene(scene, stated):
         print(f"action {action.name}, {action.kind}{held}")
         print(f"  {describe_action(action, structure, stated)}")
     if scene.combination_rules is not None:
-        print(f"combinations by {scene.combination_rules}")
+        rules = scene.combination_rules
+        source = rules if isinstance(rules, str) else rules.get("source", "rules of the file")
+        print(f"combinations by {source}")
     for check in scene.checks:
         print(f"check {check if isinstance(check, str) else f'{check.name}, {check.clause}'}")
 

@@ -364,6 +364,22 @@ def test_limits_of_displacements_tensions_and_reactions(cases):
     assert not found.passed
 
 
+def test_buckling_factors_refer_to_the_state_before_the_last_phase():
+    """The same as with the solution of that state, and not the same as from no load."""
+    calm = converged(jc.solve(stayed(), CALM))
+    pushed = converged(jc.solve(stayed(), [CALM, jc.Phase(loads=WIND)]))
+    steel = {"elements": "post", "profile": TUBE, "yield_strength": STEEL, "factors": 3.0}
+    rules = [
+        design.MemberBuckling(**steel, name=str(k), reference=reference)
+        for k, reference in enumerate(("last phase", calm, None))
+    ]
+    found = design.checks(stayed(), pushed, rules)
+    np.testing.assert_allclose(found["0"].utilization, found["1"].utilization, rtol=1e-9)
+    assert abs(float(found["2"].utilization[0]) / float(found["0"].utilization[0]) - 1) > 1e-3
+    with pytest.raises(ValueError, match="reference = 'last phase': the solution has one phase"):
+        design.checks(stayed(), calm, rules[0])
+
+
 def test_what_has_no_definite_place_decides_no_limit():
     """A rope that is slack in the first of two cases, and a stay that is removed.
 
