@@ -16,7 +16,8 @@ from ..design.actions import Action
 from ..elements.abilities import STATEMENTS
 from ..files.codec import TYPES, user_fields
 from ..files.field_docs import field_units
-from ..loads import LineLoads, SelfWeight, Varying, WindLoads, as_list
+from ..loads import Varying, WindLoads, as_list
+from ..loads.faces import OnFaces
 from ..loads.groups import OnGroups
 from ..loads.load import Load, Moving, OnNodes
 from ..model.structure import Structure
@@ -63,17 +64,6 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
     if isinstance(load, Varying):
         amplitude = load.describe(units or SI).removeprefix(load.load.describe(units or SI))
         return describe_load(load.load, structure, units) + amplitude
-    if isinstance(load, SelfWeight | LineLoads):
-        where = "" if load.on is None else f" on {load.on}"
-        where += "" if load.elements is None else f" ({elements_text(load.elements.elements)})"
-    if isinstance(load, SelfWeight):
-        direction = np.asarray(load.direction, float)
-        plain = np.array_equal(direction, [0.0, 0.0, -1.0])
-        return f"self-weight{where}" + ("" if plain else f", times {vector_text(direction)}")
-    if isinstance(load, LineLoads):
-        forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
-        size = range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
-        return f"line load {size}{where} (per {load.per} length)"
     described = load.describe(units or SI)
     if isinstance(load, OnNodes):
         return described
@@ -83,6 +73,8 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
         numbers.append(("velocity pressure", f"{pressure} at its nodes"))
     if isinstance(load, OnGroups) and load.elements is not None:
         described += f" ({elements_text(load.elements.elements)})"
+    if (per := getattr(load, "per", None)) is not None:
+        described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
     if isinstance(load, Moving) and (nodes := index_field(load, "nodes")) is not None:
         described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"
     return "; ".join([described, ", ".join(map(" ".join, numbers))]).removesuffix("; ")
@@ -93,13 +85,14 @@ def _numbers_of_load(load, units):
     found = field_units(type(load), TYPES)
     for field in user_fields(type(load)):
         value = checks.array_if_known(getattr(load, field.name))
-        is_left_out = value is None or not value.size or np.array_equal(value, field.default)
-        if is_left_out or field.name not in found:
+        if value is None or not value.size or field.name not in found:
             continue
-        name, is_vector = field.name, "3'" in str(field.type)
+        name, unit, is_vector = field.name, found[field.name], "3'" in str(field.type)
+        if np.array_equal(value, field.default) and (unit == "-" or not value.any()):
+            continue  # factors and directions that nobody has stated
         if is_vector and value.ndim > 1:
             name, value, is_vector = f"size of {name}", np.linalg.norm(value, axis=-1), False
-        yield name, range_with_unit(value, found[field.name], units, is_vector).removesuffix(" -")
+        yield name, range_with_unit(value, unit, units, is_vector).removesuffix(" -")
 
 
 def _velocity_pressures(load, structure):

@@ -79,7 +79,7 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
         assert command(f"{words} --report r.csv --report r.txt --report") == 0
         told = capsys.readouterr().out
         assert "wrote r-displacements.csv" in told and "wrote r.txt" in told
-        assert "envelope over" in told and "AreaLoads on 1 faces: (0, 0, -100) N/m2" in told
+        assert "envelope over" in told and "(per initial area); forces (0, 0, -100)" in told
     assert (folder / "r.txt").read_text().count("envelope over") >= 1
     assert command(f"{words} --report r.txt --report ./r.txt") == 2  # one file twice
 
@@ -299,7 +299,7 @@ def test_combinations_that_fail_are_named(folder, capsys):
 def test_info_shows_actions(folder, capsys):
     assert command("info rope.json") == 0
     told = capsys.readouterr().out
-    assert "action self-weight, permanent (in the phases)\n  self-weight\n" in told
+    assert "action self-weight, permanent (in the phases)\n  SelfWeight\n" in told
     assert "action snow, snow\n  NodalLoads on 1 node, sum (0, 0, -1) kN\n" in told
 
 

@@ -239,7 +239,7 @@ TOLD = {
         jc.WindLoads((0, 1, 0), jc.WindTable(pressures=500.0), 1.2, 0.02, "guys", factor=1.5),
         (0.0, 500.0 * 1.2 * 0.02 * 1.5 * np.hypot(6.0, 10.0), 0.0),
     ),
-    "CablePressure on guys; pressure 10 N/m, axis (0, 1, 0)": (
+    "CablePressure on guys (per current length); pressure 10 N/m, axis (0, 1, 0)": (
         jc.CablePressure(10.0, (0.0, 1.0, 0.0), on="guys"),
         (-100.0, 0.0, -60.0),  # axis x chord, (0, 1, 0) x (6, 0, -10)
     ),
@@ -247,7 +247,7 @@ TOLD = {
         jc.FacePressure([[0, 2, 1]], 20.0),
         (0.0, -600.0, 0.0),  # 30 m2
     ),
-    "AreaLoads on 1 faces: (0, -1, 0) N/m2 (per initial area)": (
+    "AreaLoads on 1 faces (per initial area); forces (0, -1, 0) N/m2": (
         jc.AreaLoads([[0, 2, 1]], (0.0, -1.0, 0.0), per="initial"),
         (0.0, -30.0, 0.0),
     ),
@@ -263,7 +263,7 @@ TOLD = {
         jc.loads.Crowd([0, 1], (5.0, 0.0, 0.0), 1.0, 4.0),
         (10.0, 0.0, 0.0),  # 2 m on the active part
     ),
-    "self-weight; amplitude: 0 at 0, 0.5 at 1": (
+    "SelfWeight; amplitude: 0 at 0, 0.5 at 1": (
         jc.Varying(jc.SelfWeight(), [0.0, 1.0], [0.0, 0.5]),
         (0.0, 0.0, -300.0 * 8.0),
     ),
