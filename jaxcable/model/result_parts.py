@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..common.checks import as_numpy_if_known, numpy_or_jax
-from ..common.tree import Indices
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..common.checks import as_numpy_if_known
+from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import POINT_LOADS, is_one_sided
 from ..elements.element import (
     PEAK_TENSION,
@@ -23,7 +22,7 @@ from ..elements.element import (
     Element,
 )
 from .structure import Structure, is_group
-from .topology import GroupTopology
+from .topology import GroupTopology, nodes_with_elements
 
 
 def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
@@ -79,27 +78,8 @@ def active_nodes(structure: Structure, state: Any) -> Bool[np.ndarray, " n_node"
     `state` is a `State`, `PhaseResult` or `Solution` with its results.
     """
     present = present_elements(structure, state.present)
-    return nodes_of_active_elements(structure.groups, present, structure.n_node, structure.rigid)
-
-
-def nodes_of_active_elements(
-    groups: Sequence[Element | GroupTopology],
-    present: Sequence[Bool[ArrayLike, " n_elem"]],
-    n_node: int,
-    rigid: Indices | None = None,
-) -> Bool[np.ndarray, " n_node"]:
-    """Return which nodes have an active element, or no element at all, [n_node] bool.
-
-    Args:
-        groups: element groups, or the parts of a `Topology`.
-        present: which elements are active, per group [n_elem] bool.
-        n_node: number of nodes.
-        rigid: rigid links, [n, 2], whose nodes count as one; or None.
-    """
-    every = [np.ones(len(group.links), bool) for group in groups]
-    either = (_ends_of_elements(groups, which, n_node, rigid) for which in (present, every))
-    active, touched = either
-    return active | ~touched
+    known = structure.groups, structure.n_node, structure.rigid
+    return nodes_with_elements(*known, present) | ~nodes_with_elements(*known)
 
 
 def loose_nodes(
@@ -119,27 +99,9 @@ def loose_nodes(
     tensions = values_per_group(structure, state.tension)
     parts = zip(structure.groups, tensions, present, strict=True)
     taut = [there & ~slack_elements(group, force, there) for group, force, there in parts]
-    attached, held = (
-        _ends_of_elements(structure.groups, which, structure.n_node, structure.rigid)
-        for which in (present, taut)
-    )
-    return attached & ~held & ~fixed[: structure.n_node, :3].all(axis=1)
-
-
-def _ends_of_elements(groups, chosen, n_node, rigid):
-    """Return which nodes are ends of the `chosen` elements, or rigidly joined to one, [n_node]."""
-    root = np.arange(n_node)
-    if rigid is not None:
-        root[rigid.array[:, 1]] = rigid.array[:, 0]
-    pack = numpy_or_jax(chosen)
-    found = pack.zeros(n_node, bool)
-    for group, which in zip(groups, chosen, strict=True):
-        ends = root[group.links.array]
-        if pack is np:
-            found[ends[which]] = True
-        else:
-            found = found.at[ends].max(which[:, None])
-    return found[root]
+    known = structure.groups, structure.n_node, structure.rigid
+    held = nodes_with_elements(*known, taut) | fixed[: structure.n_node, :3].all(axis=1)
+    return nodes_with_elements(*known, present) & ~held
 
 
 def slack_elements(

@@ -13,8 +13,7 @@ from ..common.negligible import NEGLIGIBLE
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..common.units import Units
 from ..elements.element import Element
-from ..model.result_parts import nodes_of_active_elements
-from ..model.topology import GroupTopology
+from ..model.topology import GroupTopology, nodes_with_elements
 from .style import AXES, INK, LOAD, REACTION, format_force
 from .views import View
 
@@ -82,7 +81,8 @@ def supported_nodes(
     for part, there in zip(parts, split, strict=True):
         if part.links.shape[1] == 1:
             on_ground[part.links.array[there]] = True
-    return fixed & nodes_of_active_elements(parts, split, len(fixed))[:, None], on_ground
+    active = nodes_with_elements(parts, len(fixed), None, split)
+    return fixed & (active | ~nodes_with_elements(parts, len(fixed)))[:, None], on_ground
 
 
 def draw_supports(
