@@ -50,7 +50,7 @@ def model_tables(
     change = any(phase.supports is not None for phase in phases or ())
     found = {
         "geometry": _node_table(structure, change),
-        "properties": _property_table(structure, units),
+        "properties": property_table(structure, units),
     }
     if phases is not None:
         found["phases"] = _phase_table(structure, phases, names, units)
@@ -94,8 +94,11 @@ def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) 
     return " ".join(name for name, is_held in zip(_FREEDOMS, held, strict=True) if is_held) or None
 
 
-def _property_table(structure: Structure, units: Units | None) -> Table:
-    """Return the table of the properties of elements: a row for all with the same in a group."""
+def property_table(structure: Structure, units: Units | None) -> Table:
+    """Return the table of the properties of elements: a row for all with the same in a group.
+
+    It is in SI; numbers in its texts are in `units`, None for SI with kN.
+    """
     rows: list[list[Any]] = []
     for label, group in named_groups_of(structure):
         values = _properties_of(group)
@@ -152,6 +155,8 @@ def _further_properties(group, units):
         parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
     if group.face is not None and group.weight is not None:
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
+    if (lengths := getattr(group, "rest_length", None)) is not None:
+        parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
     if isinstance(spring := group, Springs | Bearings):
