@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -84,7 +85,12 @@ def make_checks(
     if not scene.checks or int(solution.status) != status.OK:
         return None
     if cases is not None:
-        return checks(scene.structure, cases, scene.checks, combinations=found)
+        refers = [isinstance(getattr(one, "reference", None), str) for one in scene.checks]
+        rules = [  # the last phase of a case begins at the end of the phases
+            replace(one, reference=solution) if own else one
+            for one, own in zip(scene.checks, refers, strict=True)
+        ]
+        return checks(scene.structure, cases, rules, combinations=found)
     last = len(solution.phases)
     name = f"phase {last}" if scene.phase_names is None else scene.phase_names[-1]
     return checks(scene.structure, solution, scene.checks, names=[name])

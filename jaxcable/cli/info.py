@@ -10,7 +10,6 @@ from ..analysis.activation import make_activation
 from ..analysis.preparation import prepare
 from ..common.negligible import vector_text
 from ..common.units import SI
-from ..elements import Bars, Bearings, Cables, Contacts, Springs
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..files.net_units import unit_of_net_value
 from ..loads.faces import face_areas
@@ -20,13 +19,15 @@ from ..reporting.load_descriptions import (
     format_number,
     format_range,
     range_text,
-    range_with_unit,
 )
+from ..reporting.model_tables import property_table
 from ..reporting.phase_descriptions import (
     describe_activation,
     describe_loads,
     describe_statements,
 )
+from ..reporting.plain_text import table_text
+from ..reporting.table import common_scales, table_in_units
 from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
@@ -37,16 +38,6 @@ _SIDE = 135.0
 
 At a corner of a rectangle that is 90, along a straight edge 180: the mean of both.
 """
-_PROPERTIES = {
-    "axial_stiffness": ("EA =", "N"),
-    "area": ("area", "m2"),
-    "rest_length": ("unstressed length", "m"),
-    "gap": ("gap", "m"),
-    "weight": ("weight g =", "N/m"),
-    "strength": ("breaking force", "N"),
-    "expansion": ("thermal expansion", "1/K"),
-}
-"""What the properties of groups are called, and their units."""
 
 
 def run(options: Namespace) -> None:
@@ -94,47 +85,26 @@ def _print_scene(scene, stated):
         if group.links.shape[1] > 1:
             head += f", {kind} {range_text(sizes, unit, units)}, {total} in total"
         print(head)
-        spring = group if isinstance(group, Springs | Bearings) else None
-        if spring is not None:
-            print(f"  stiffness {range_with_unit(spring.stiffness, 'N/m', stated)}")
-        for field, (name, own_unit) in _PROPERTIES.items():
-            value = getattr(group, field, None)
-            if value is not None:
-                per_area = field == "weight" and group.face is not None
-                own_unit = "N/m2" if per_area else own_unit
-                print(f"  {name} {range_with_unit(value, own_unit, stated)}")
         if group.face is not None and group.weight is not None:
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
             mass = units.text(weight / STANDARD_GRAVITY / float(sizes.sum()), "kg/m2")
             print(f"  weighs {units.text(weight, 'N')} in total, {mass}")
-        straight = group if isinstance(group, Cables | Bars | Contacts) else None
-        if straight is not None and straight.law is not None:
-            print(f"  stress-strain law {type(straight.law).__name__}")
-        if group.section is not None:
-            _print_section(group.section, units)
+    table = property_table(structure, stated)
+    table = table if stated is None else table_in_units(table, stated)
+    print(table_text(table, None, common_scales([table], stated), units))
     presence = make_activation(structure, phases, None)
     for number, phase in enumerate(phases, 1):
         _print_phase(number, phase, structure, presence, stated)
     for action in scene.actions:
         held = " (in the phases)" * action.in_phases
         print(f"action {action.name}, {action.kind}{held}")
-        print(f"  {describe_action(action, stated)}")
+        print(f"  {describe_action(action, structure, stated)}")
     if scene.combination_rules is not None:
-        print(f"combinations by {scene.combination_rules}")
+        rules = scene.combination_rules
+        source = rules if isinstance(rules, str) else rules.get("source", "rules of the file")
+        print(f"combinations by {source}")
     for check in scene.checks:
         print(f"check {check if isinstance(check, str) else f'{check.name}, {check.clause}'}")
-
-
-def _print_section(section, units):
-    """Print how many fibres a section has, or its stiffnesses, and those in shear."""
-    fibres = [] if section.n_fibre == 0 else [pluralize(section.n_fibre, "fibre")]
-    names = {"EA": "N", "EIy": "N m2", "EIz": "N m2", "EIyz": "N m2", "GJ": "N m2"}
-    stated = [
-        f"{name} = {units.text(float(value), unit)}"
-        for name, unit in (names | {"GAy": "N", "GAz": "N"}).items()
-        if (value := getattr(section, name, None)) is not None
-    ]
-    print(f"  section of {', '.join(fibres + stated)}")
 
 
 def _print_phase(number, phase, structure, presence, units):
@@ -143,9 +113,8 @@ def _print_phase(number, phase, structure, presence, units):
     `presence` is the result of `make_activation`. Numbers are in `units`, None for SI.
     """
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
-    lines = describe_statements(phase, structure, units, name_others=True) + describe_loads(
-        phase, units
-    )
+    lines = describe_statements(phase, structure, units, name_others=True)
+    lines += describe_loads(phase, structure, units)
     if phase.supports is not None:
         lines.append("new supports, which replace those before")
     if presence is not None:

@@ -40,7 +40,8 @@ class CheckResult:
         terms: forces, resistances and so on in these cases, by name, [n_item] each.
         values: utilizations in all cases that count, [n_counted, n_item]; for ranges the forces.
         counted: indices of the cases that count, [n_counted].
-        name, of, clause, formula, not_covered: of the `Check`.
+        name, clause, formula, not_covered: of the `Check`.
+        of: limit states or rules whose combinations count; empty: all cases.
         inputs: pairs of names and texts: what was given.
         items: names of the items.
         units: pairs of names of terms and their units.
@@ -111,8 +112,7 @@ breaking strength
         for one in self.results:
             if one.name == name:
                 return one
-        known = [one.name for one in self.results]
-        raise KeyError(f"{name!r}{arguments.suggest_names(name, known)}")
+        raise KeyError(f"{name!r}{arguments.suggest_names(name, self.utilization)}")
 
     @property
     def utilization(self) -> dict[str, Float[Array, " n_item"]]:
@@ -138,6 +138,19 @@ breaking strength
         return [name for name, is_sound in zip(self.names, sound, strict=True) if not is_sound]
 
     @property
+    def unchecked(self) -> dict[str, list[str]]:
+        """Items without a value in a case that has converged, by the name of the check.
+
+        Other cases govern them; `passed` is False if none has a value.
+        """
+        good, found = np.asarray(self.status) == status.OK, {}
+        for one in self.results:
+            unknown = np.isnan(np.asarray(one.values)[good[np.asarray(one.counted)]]).any(axis=0)
+            if unknown.any():
+                found[one.name] = [one.items[k] for k in np.flatnonzero(unknown)]
+        return found
+
+    @property
     def passed(self) -> bool:
         """Whether all utilizations are at most 1, and all cases that count are OK and stable."""
         good = (np.asarray(self.status) == status.OK) & np.asarray(self.stable)
@@ -148,12 +161,8 @@ breaking strength
         """Return the names of the cases that govern each item of a check; "" without a value."""
         one = self[name]
         second = one.case if one.second_case is None else one.second_case
-        parts = zip(
-            np.asarray(one.case).tolist(),
-            np.asarray(second).tolist(),
-            np.asarray(one.utilization).tolist(),
-            strict=True,
-        )
+        arrays = one.case, second, one.utilization
+        parts = zip(*(np.asarray(array).tolist() for array in arrays), strict=True)
         return [
             ""
             if np.isnan(used)
@@ -168,19 +177,23 @@ breaking strength
         for one in self.results:
             used = np.asarray(one.utilization)
             k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
-            case = self.governing(one.name)[k] or "no case has converged"
+            case = self.governing(one.name)[k] or "no case has a value"
             clause = f", {one.clause}" if one.clause else ""
             fails = "FAILS: " if used[k] > 1 else ""
             lines.append(
                 f"{one.name}: {fails}utilization {used[k]:.3f}, {one.items[k]}, {case}{clause}"
             )
-        if self.failed:
-            lines.append(f"NOT CHECKED, the analysis has failed: {', '.join(self.failed)}")
-        if self.not_made:
-            lines.append(f"NOT MADE: {'; '.join(self.not_made)}")
-        if self.unstable:
-            lines.append(f"UNSTABLE at the end: {', '.join(self.unstable)}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.remarks()])
+
+    def remarks(self) -> list[str]:
+        """Return sentences on what has not been checked, and on unstable cases."""
+        parts = (
+            ("NOT CHECKED, because the analysis failed", self.failed),
+            ("NOT passed, UNSTABLE at the end", self.unstable),
+            *((f"NOT CHECKED by {k} in each case, no value", v) for k, v in self.unchecked.items()),
+            ("NOT MADE", self.not_made),
+        )
+        return [f"{text}: {'; '.join(names)}" for text, names in parts if names]
 
 
 def checks(
@@ -251,7 +264,9 @@ EN 1993-1-11:2006, 7.2
     made, not_made = _list_of_checks(rules, combinations)
     counted = [_counted_cases(one, combinations, count) for one in made]
     values = _values_of_checks(made, counted, structure, solutions)
-    results = [_result_of_check(*one, structure) for one in zip(made, counted, values, strict=True)]
+    of = [tuple(one.of) if combinations is not None else () for one in made]
+    parts = zip(made, of, counted, values, strict=True)
+    results = [_result_of_check(*one, structure) for one in parts]
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
@@ -356,7 +371,7 @@ def _values_of_checks(made, counted, structure, solutions):
     ]
 
 
-def _result_of_check(check, counted, values, structure):
+def _result_of_check(check, of, counted, values, structure):
     """Return the `CheckResult` of one check from its values of `_values_of_checks`."""
     found, (which, second), every = values
     used = found.pop(UTILIZATION)
@@ -375,7 +390,7 @@ def _result_of_check(check, counted, values, structure):
         every,
         jnp.asarray(counted),
         check.name,
-        tuple(check.of),
+        of,
         check.clause,
         check.formula,
         inputs,

@@ -20,6 +20,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import TENSION, Element
+from ..model.result_parts import active_nodes, loose_nodes, present_elements
 from ..model.structure import Structure
 from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, Terms, doubt, largest_forces
 
@@ -147,6 +148,9 @@ class OwnCheck(Check):
 class DisplacementLimit(Check):
     """Limit of displacements of nodes.
 
+    A node that only slack elements hold has no definite place, and no value: see
+    `Checks.unchecked`. Utilizations of nodes all of whose elements are inactive are zero.
+
     Args:
         upper: largest displacement, m.
         nodes: numbers of nodes; None: all.
@@ -155,7 +159,8 @@ class DisplacementLimit(Check):
         since: "last phase" for displacements within the last phase, which of cases is the case on
             the prestressed structure; or the `Solution` or `State` from which they count; None:
             from the nodes of the input.
-        name, of: as of `Check`.
+        name, of: as of `Check`; by default combinations of serviceability count, and not ultimate
+            ones.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -175,6 +180,7 @@ class DisplacementLimit(Check):
 
     clause = "given limit"
     formula = "displacement / limit"
+    not_covered = "nodes while only slack elements hold them, which have no definite place"
     units = _DISPLACEMENTS
 
     def __post_init__(self):
@@ -208,24 +214,30 @@ class DisplacementLimit(Check):
         else:
             begin = 0.0 if self.since is None else self.since.displacement
             moved = solution.displacement - begin
-        moved = moved[self._node_numbers(structure)]
+        nodes = self._node_numbers(structure)
+        moved, active = moved[nodes], jnp.asarray(active_nodes(structure, solution))[nodes]
+        fixed = solution.last.fixed[-1].array
+        is_loose = jnp.asarray(loose_nodes(structure, solution, fixed))[nodes]
         if self.direction is None:
             square = jnp.sum(moved**2, axis=-1)
             # a node at rest has no direction, and no derivative
             value = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), square)
         else:
             value = jnp.abs(moved @ _unit_vector(self.direction, self.name))
-        return {"displacement": value, UTILIZATION: value / self.upper}
+        used = jnp.where(is_loose, jnp.nan, jnp.where(active, value / self.upper, 0.0))
+        value = jnp.where(is_loose | ~active, jnp.nan, value)
+        return {"displacement": value, UTILIZATION: used}
 
 
 @dataclasses.dataclass(frozen=True)
 class TensionLimit(OnElements):
-    """Smallest tension that cables must keep, so that none goes slack.
+    """Smallest tension that cables must keep, so that none goes slack; inactive ones do not count.
 
     Args:
         lower: smallest tension, N, above zero; a slack cable has infinite utilization.
         elements: keys of groups, or selections by group; None: all cables.
-        name, of: as of `Check`; the default is serviceability.
+        name, of: as of `Check`; by default combinations of serviceability count, and not ultimate
+            ones: ``of=()`` counts all.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -262,7 +274,9 @@ class TensionLimit(OnElements):
     def terms(self, structure: Structure, solution: Solution) -> Terms:
         """Return tensions, the largest along each element, and utilizations."""
         force = largest_forces(self, structure, solution)
-        return {"tension": force, UTILIZATION: limit_utilization(force, self.lower)}
+        active = self.taken(structure, present_elements(structure, solution.present))
+        used = jnp.where(active, limit_utilization(force, self.lower), 0.0)
+        return {"tension": jnp.where(active, force, jnp.nan), UTILIZATION: used}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -276,7 +290,7 @@ class ReactionLimit(Check):
         lower: smallest reaction, N: 0 where nothing holds a support down, minus the resistance of
             an anchor where one does.
         upper: largest reaction, N.
-        name, of: as of `Check`.
+        name, of: as of `Check`; by default ultimate, accidental and seismic combinations count.
 
     Example:
         >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7)

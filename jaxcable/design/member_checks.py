@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import jax
 import jax.numpy as jnp
@@ -195,7 +195,9 @@ class MemberBuckling(_OnMembers):
             The critical force is then ``N_ref + factor (N - N_ref)``, the same for elements that do
             not take part in buckling, which is conservative; N_ref where the loads relieve them,
             which they are known to bear.
-        reference: `Solution` or `State` that the factors refer to, whose forces are N_ref; None: 0.
+        reference: `Solution` or `State` that the factors refer to, whose forces are N_ref; "last
+            phase" for the state in which the last phase begins, which a scene file can state, too;
+            None: 0.
         curves: buckling curves about y and z, table 6.2; or one for both.
         chi_lt: reduction of My for lateral torsional buckling, without unit; 1.0 for hollow
             sections, or where the flange in compression is held.
@@ -220,7 +222,7 @@ class MemberBuckling(_OnMembers):
     of: Sequence[str] = ULTIMATE
     lengths: Float[ArrayLike, ""] | Float[ArrayLike, " 2"] | None = None
     factors: Float[ArrayLike, ""] | None = None
-    reference: Solution | State | None = None
+    reference: Literal["last phase"] | Solution | State | None = None
     curves: str | Sequence[str] = ("c", "c")
     chi_lt: Float[ArrayLike, ""] = 1.0
     gamma_m1: Float[ArrayLike, ""] = 1.0
@@ -256,6 +258,8 @@ class MemberBuckling(_OnMembers):
                 raise ValueError(f"lengths = {self.lengths}: expected positive lengths, m")
             object.__setattr__(self, "lengths", tuple(lengths.tolist()))
         doubt("youngs_modulus", self.youngs_modulus, 1e9, 1e12, "is it in Pa?")
+        if isinstance(self.reference, str):
+            checks.require_one_of(self.reference, "reference", ["last phase"])
         if self.reference is not None and self.factors is None:
             raise ValueError("reference: belongs to factors, which are missing")
 
@@ -269,13 +273,20 @@ class MemberBuckling(_OnMembers):
         how |= {"curves": " and ".join(self.curves), "chi_LT": self.chi_lt}
         return {**super().inputs(), **how, "gamma_M1": self.gamma_m1}
 
-    def _reduction(self, structure, pressed):
+    def _reduction(self, structure, solution, pressed):
         """Return chi about y and about z, [n_item] each, for compressions [n_item], N."""
         s, strength = self.section, jnp.asarray(self.yield_strength)
         if self.lengths is None:
-            reference = jnp.zeros_like(pressed)
-            if self.reference is not None:
-                reference = -self.taken(structure, self.reference.peak_tension)
+            reference, begin = jnp.zeros_like(pressed), self.reference
+            if isinstance(begin, str):
+                if len(solution.phases) < 2:
+                    raise ValueError(
+                        f"{self.name}: reference = {begin!r}: the solution has one phase alone; "
+                        "give the Solution that it was started from"
+                    )
+                begin = solution.phases[-2]
+            if begin is not None:
+                reference = -self.taken(structure, begin.peak_tension)
             critical = reference + self.factors * jnp.maximum(pressed - reference, 0.0)
             # tension at the critical load: no buckling; an unknown factor leaves NaN
             critical = [jnp.where(critical <= 0, jnp.inf, critical)] * 2
@@ -294,7 +305,7 @@ class MemberBuckling(_OnMembers):
         forces = self._forces(structure, solution)
         smallest = forces[..., 0].min(axis=1)
         pressed = jnp.maximum(-smallest, 0.0)
-        chi_y, chi_z = self._reduction(structure, pressed)
+        chi_y, chi_z = self._reduction(structure, solution, pressed)
         s = self.section
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
         My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))

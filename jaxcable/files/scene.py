@@ -25,6 +25,9 @@ standard combine (`design.Action`)::
      "combinations": "EN 1990",
      "checks": ["EN 1993-1-11", {"type": "DisplacementLimit", "upper": 0.05}]
 
+In place of the name of a standard, "combinations" may be rules of your own, an object as
+`design.combination_rules` returns it.
+
 Fields are the arguments of the classes of this package, in SI units, or in those that the file
 states by ``"units": "kN, m"`` at its top; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
@@ -44,7 +47,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
+from typing import Any
 
+from ..analysis.phase_checks import prefix_errors
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
@@ -53,7 +58,7 @@ from ..common.writing import atomic_write
 from ..design.actions import Action, check_actions
 from ..design.check import Check
 from ..design.checks import require_checks
-from ..design.combination_rules import names_of_standards
+from ..design.combination_rules import combination_rules, names_of_standards
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
@@ -75,7 +80,7 @@ def save_scene(
     *,
     units: UnitsLike | None = None,
     actions: Sequence[Action] | None = None,
-    combinations: str | None = None,
+    combinations: str | Mapping[str, Any] | None = None,
     checks: Sequence[str | Check] | None = None,
 ) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
@@ -94,7 +99,8 @@ def save_scene(
         actions: list of `design.Action` to write beside the phases; default: those of
             ``scene.actions`` if it has some, otherwise none.
         combinations: name of the standard by whose rules ``jaxcable solve`` combines them, such as
-            "EN 1990"; default: ``scene.combination_rules``.
+            "EN 1990", or rules as `design.combination_rules` returns them; default:
+            ``scene.combination_rules``.
         checks: list of `design.Check` and of names of standards, as `design.checks` takes it;
             default: ``scene.checks``.
 
@@ -143,7 +149,7 @@ def save_scene(
     if actions:
         data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
     if standard is not None:
-        data["combinations"] = _checked_standard(standard, actions)
+        data["combinations"] = _checked_rules(standard, actions)
     if checks:
         require_checks(checks, structure, "checks")
         data["checks"] = [encode(x, f"checks[{k}]") for k, x in enumerate(checks)]
@@ -272,20 +278,26 @@ def _decode_parts(data, convert):
     actions = _decode_actions(data.get("actions"), structure, phases, convert)
     scene = scene.with_actions(actions) if actions else scene
     if data.get("combinations") is not None:
-        scene = scene.with_combination_rules(_checked_standard(data["combinations"], actions))
+        scene = scene.with_combination_rules(_checked_rules(data["combinations"], actions))
     if data.get("checks") not in (None, []):
         scene = scene.with_checks(_decode_checks(data["checks"], structure, convert))
     return scene
 
 
-def _checked_standard(name, actions):
-    """Return the name of a standard of combinations; ValueError for another, or without actions."""
-    if name not in names_of_standards():
+def _checked_rules(rules, actions):
+    """Return the name of a standard of combinations, or rules as a dict; ValueError for others.
+
+    Raise it without actions, too.
+    """
+    if isinstance(rules, Mapping):
+        with prefix_errors("combinations: "):
+            rules = combination_rules(rules)
+    elif rules not in names_of_standards():
         known = ", ".join(names_of_standards())
-        raise ValueError(f"combinations = {name!r:.60}: expected one of {known}")
+        raise ValueError(f"combinations = {rules!r:.60}: expected one of {known}")
     if not actions:
-        raise ValueError(f"combinations = {name!r}: there are no actions to combine")
-    return name
+        raise ValueError(f"combinations = {rules!r:.60}: there are no actions to combine")
+    return rules
 
 
 def _decode_checks(data, structure, convert):

@@ -7,11 +7,9 @@ from typing import Literal
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.negligible import vector_text
 from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
-from ..common.units import SI, Units
 from ..numerics import scaled
 from .along import require_known_geometry
 from .faces import OnFaces, area_vectors
@@ -83,15 +81,6 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
         set_fields(self, factor=checks.as_scalar(self.factor, "factor"))
         checks.require_one_of(self.per, "per", AREA_REFERENCES)
         require_known_geometry(self.geometry, self.per)
-
-    def describe(self, units: Units = SI) -> str:
-        """Return the force per area, in `units`, and on how many faces or which group, as text."""
-        where = self._key_text() if self.faces is None else f" on {len(self.faces)} faces"
-        forces, factor = (checks.array_if_known(x) for x in (self.forces, self.factor))
-        if forces is None or factor is None or forces.ndim != 1 or factor.ndim:
-            return f"AreaLoads{where} (per {self.per} area)"
-        size = vector_text(units.from_si(forces * factor, "N/m2"))
-        return f"AreaLoads{where}: {size} {units.name('N/m2')} (per {self.per} area)"
 
     def _sum_forces(self, groups, states, nodes, dtype):
         """Return the forces on all nodes, [n_row, 3], N."""

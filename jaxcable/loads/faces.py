@@ -90,6 +90,10 @@ class OnFaces(OnGroups):
         set_fields(self, faces=as_faces(self.faces))
         return self._check_value_shape(len(self.faces))
 
+    def _key_text(self):
+        """Return the loaded faces or group in words, " on 4 faces"."""
+        return super()._key_text() if self.faces is None else f" on {len(self.faces)} faces"
+
     def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:

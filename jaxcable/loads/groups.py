@@ -14,6 +14,7 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..common.units import SI, Units
 from ..elements.element_state import ElementState
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
@@ -55,6 +56,10 @@ class OnGroups(Acting):
     def _key_text(self):
         """Return the key of the loaded group in words, " on guys"; none in an analysis."""
         return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
+
+    def describe(self, units: Units = SI) -> str:
+        """Return the class and the loaded group as text."""
+        return f"{type(self).__name__}{self._key_text()}"
 
     def loaded_groups(
         self, structure: Structure

@@ -11,7 +11,6 @@ from ..common.rules import Rule, not_negative, refuse_if_broken
 from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
-from ..common.units import SI, Units
 from ..model.structure import Structure
 from .along import AlongElements
 from .groups import Key
@@ -115,16 +114,6 @@ class IceLoads(AlongElements):
     def _vector_per_amount(self):
         """Return the weight of the ice per volume as a vector, [3], N/m3."""
         return self.density * self.gravity * self.direction
-
-    def describe(self, units: Units = SI) -> str:
-        """Return thickness and density of the ice, in `units`, as text."""
-        where = self._key_text()
-        thickness, density = map(checks.array_if_known, (self.thickness, self.density))
-        if thickness is None or density is None or density.ndim:
-            return f"IceLoads{where}"
-        small, factor = units.small_length
-        thick = units.from_si(float(thickness.max()), "m") * float(factor)
-        return f"IceLoads{where}: {thick:.6g} {small} of {units.text(float(density), 'kg/m3')}"
 
 
 def _ring_area(load: Any) -> Any:

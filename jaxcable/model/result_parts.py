@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..common.checks import as_numpy_if_known
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import POINT_LOADS, is_one_sided
 from ..elements.element import (
@@ -21,7 +22,7 @@ from ..elements.element import (
     Element,
 )
 from .structure import Structure, is_group
-from .topology import GroupTopology
+from .topology import GroupTopology, nodes_with_elements
 
 
 def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
@@ -39,9 +40,13 @@ def path_of_group(structure: Structure, k: int) -> str:
 def values_per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Return results in the shape of ``structure.elements`` as a list of NumPy arrays, or None."""
+    """Return results in the shape of ``structure.elements`` as a list of arrays, or None.
+
+    They are arrays of NumPy unless they are traced.
+    """
     return [
-        None if value is None else np.asarray(value) for value in items_per_group(structure, values)
+        None if value is None else as_numpy_if_known(value)
+        for value in items_per_group(structure, values)
     ]
 
 
@@ -64,7 +69,39 @@ def present_elements(
     """
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
-    return [np.asarray(found) > 0 for found in values_per_group(structure, present)]
+    return [as_numpy_if_known(found) > 0 for found in items_per_group(structure, present)]
+
+
+def active_nodes(structure: Structure, state: Any) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes have an active element, or no element at all, [n_node] bool.
+
+    `state` is a `State`, `PhaseResult` or `Solution` with its results.
+    """
+    present = present_elements(structure, state.present)
+    known = structure.groups, structure.n_node, structure.rigid
+    return nodes_with_elements(*known, present) | ~nodes_with_elements(*known)
+
+
+def loose_nodes(
+    structure: Structure, state: Any, fixed: Bool[np.ndarray, "n_node n_freedom"]
+) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes only slack elements hold, [n_node] bool: these have no definite place.
+
+    Slack are cables without tension, and open contacts and bearings. Nodes that supports hold, and
+    inactive ones, do not count.
+
+    Args:
+        structure: `Structure`.
+        state: `State`, `PhaseResult` or `Solution` with its results.
+        fixed: degrees of freedom that supports fix in this state.
+    """
+    present = present_elements(structure, state.present)
+    tensions = values_per_group(structure, state.tension)
+    parts = zip(structure.groups, tensions, present, strict=True)
+    taut = [there & ~slack_elements(group, force, there) for group, force, there in parts]
+    known = structure.groups, structure.n_node, structure.rigid
+    held = nodes_with_elements(*known, taut) | fixed[: structure.n_node, :3].all(axis=1)
+    return nodes_with_elements(*known, present) & ~held
 
 
 def slack_elements(
@@ -79,7 +116,7 @@ def slack_elements(
     """
     if tension is None or not is_one_sided(group):
         return np.zeros(len(group.links), bool)
-    return np.asarray(tension >= 0 if group.compression_only else tension <= 0) & present
+    return (tension >= 0 if group.compression_only else tension <= 0) & present
 
 
 class ResultColumn(NamedTuple):

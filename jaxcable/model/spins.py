@@ -10,6 +10,7 @@ affected: under a torque about the line no equilibrium exists.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,15 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
         fixed: `supports.FixedDofs`, with its `spins`.
         label: the supports as a user writes them, such as "phases[0].supports".
     """
+    for sentence, remedy in describe_free_spins(structure, fixed):
+        checks.warn_user(f"{label}: {sentence}{'' if sentence.endswith('?') else ';'} {remedy}")
+
+
+def describe_free_spins(structure: Any, fixed: Any) -> Iterator[tuple[str, str]]:
+    """Iterate over lines of beams that can rotate freely: which, and what holds them, in words.
+
+    Arguments as of `warn_of_free_spins`.
+    """
     spins = fixed.spins
     if spins is None:
         return
@@ -173,10 +183,10 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
         hint = ""
         if not held[[*turning, first, second]].any():
             hint = f", and none of them is supported: is a support missing, such as node {first}?"
-        checks.warn_user(
-            f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
+        yield (
+            f"{where}, along {along.tolist()}: nothing holds this rotation{hint}",
             f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
-            f'scene file, in supports, "chosen": [{first}], {_restraint_in_scene_file(along)}'
+            f'scene file, in supports, "chosen": [{first}], {_restraint_in_scene_file(along)}',
         )
 
 

@@ -22,6 +22,7 @@ from . import coordinate_precision, plausibility
 from .spins import find_free_spins
 from .spins import warn_of_free_spins as warn_of_spins
 from .supports import FixedDofs, Supports
+from .topology import nodes_with_elements
 
 _RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
     *("displacement", "displacement_in_phase", "positions", "reactions", "load", "rotation"),
@@ -216,10 +217,7 @@ class Structure:
 
     def nodes_with_elements(self) -> Bool[np.ndarray, " n_node"]:
         """Return which nodes are ends of elements, [n_node] bool."""
-        touched = np.zeros(self.n_node, bool)
-        for group in self.groups:
-            touched[group.links.array] = True
-        return touched
+        return nodes_with_elements(self.groups, self.n_node)
 
     def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
         """Return which nodes rotate with a beam: one of its ends has no hinge there, [n_node]."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
+from ..common.checks import numpy_or_jax
 from ..common.tree import Indices, computed_once
-from ..elements.element import Result
+from ..common.types import ArrayLike, Bool
+from ..elements.element import Element, Result
 from .supports import FixedDofs
 
 
@@ -52,6 +55,35 @@ class Topology(NamedTuple):
     rigid: Indices | None
     supports: FixedDofs
     n_node: int
+
+
+def nodes_with_elements(
+    groups: Sequence[Element | GroupTopology],
+    n_node: int,
+    rigid: Indices | None = None,
+    chosen: Sequence[Bool[ArrayLike, " n_elem"]] | None = None,
+) -> Bool[np.ndarray, " n_node"]:
+    """Return which nodes are ends of elements, [n_node] bool; traced if `chosen` is.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+        n_node: number of nodes.
+        rigid: rigid links, [n, 2], both nodes of which count as ends; or None.
+        chosen: which elements count, per group [n_elem] bool; None: all.
+    """
+    root = np.arange(n_node)
+    if rigid is not None:
+        root[rigid.array[:, 1]] = rigid.array[:, 0]
+    pack = numpy_or_jax(chosen)
+    found = pack.zeros(n_node, bool)
+    for group, which in zip(groups, chosen or [True] * len(groups), strict=True):
+        ends = root[group.links.array]
+        over = pack.broadcast_to(pack.reshape(pack.asarray(which), (-1, 1)), ends.shape)
+        if pack is np:
+            found[ends[over]] = True
+        else:
+            found = found.at[ends].max(over)
+    return found[root]
 
 
 @computed_once

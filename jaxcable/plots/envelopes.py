@@ -129,7 +129,8 @@ def envelope_diagram(
     if solutions is not None and np.shape(solutions.status) != (len(envelope.names),):
         raise ValueError(f"solutions: must be the batch of the {len(envelope.names)} cases")
     of_beams = of in SECTION_FORCES.components
-    stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights)
+    active = _active_elements(structure, envelope).any(axis=0)
+    stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights, active)
     if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":

@@ -16,7 +16,7 @@ from ..model.result_parts import element_faces, result_columns, straight_pieces
 from ..model.structure import Structure
 from .element_curves import PLACES, Curves, SolutionCurves
 from .element_forces import ElementForces
-from .symbols import section_axis_tips, support_kinds
+from .symbols import section_axis_tips, support_kinds, supported_nodes
 
 _SEEN = 2e-3  # least visible displacement over the extent: some two pixels of a picture
 
@@ -127,8 +127,7 @@ class Snapshot:
 
         `normal` is the unit normal vector of a plane structure, or None.
         """
-        kinds = support_kinds(self.fixed, self.rotates, normal)
-        return np.vstack([kinds, self.on_ground & ~kinds.any(axis=0)])
+        return support_kinds(self.fixed, self.on_ground, self.rotates, normal)
 
 
 class Snapshots:
@@ -225,15 +224,7 @@ class Snapshots:
         """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
-        ends = np.cumsum([len(part.links) for part in self.parts])[:-1]
-        touched, active, on_ground = np.zeros((3, len(displacement)), bool)
-        for part, there in zip(self.parts, np.split(forces.present, ends), strict=True):
-            nodes = part.links.array
-            touched[nodes], active[nodes[there]] = True, True
-            if nodes.shape[1] == 1:
-                on_ground[nodes[there]] = True
-        # supports of elements that are not there hold nothing
-        fixed = fixed & (active | ~touched)[:, None]
+        fixed, on_ground = supported_nodes(self.parts, forces.present, fixed)
         within = (
             self._curves.initial_positions,
             displacement,

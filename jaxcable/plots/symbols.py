@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from matplotlib.lines import Line2D
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..common.units import Units
+from ..elements.element import Element
+from ..model.topology import GroupTopology, nodes_with_elements
 from .style import AXES, INK, LOAD, REACTION, format_force
 from .views import View
 
@@ -33,13 +36,15 @@ SUPPORT_MARKS = (
 
 def support_kinds(
     fixed: Bool[np.ndarray, "n_node n_freedom"],
+    on_ground: Bool[np.ndarray, " n_node"],
     rotates: Bool[np.ndarray, " n_node"] | None = None,
     normal: Float[np.ndarray, " 3"] | None = None,
-) -> Bool[np.ndarray, "3 n_node"]:
-    """Return which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+) -> Bool[np.ndarray, "4 n_node"]:
+    """Return which nodes are clamped, pinned, partially held or on springs, [4, n_node] bool.
 
     Args:
         fixed: which degrees of freedom supports hold, [n_node, 3 or 6].
+        on_ground: which nodes have springs to the ground or bearings, [n_node].
         rotates: which nodes have rotations, [n_node] bool; None if unknown: no node is clamped.
         normal: unit normal vector of a plane structure, [3]; a support along it alone, as nodes of
             plane structures have, does not count.
@@ -51,7 +56,33 @@ def support_kinds(
     in_part = fixed[:, :3].any(axis=1) & ~all_three
     if normal is not None:
         in_part &= (fixed[:, :3] & (np.abs(normal) < 0.5)).any(axis=1)
-    return np.stack([clamped, all_three & ~clamped, in_part])
+    supported = all_three | in_part
+    return np.stack([clamped, all_three & ~clamped, in_part, on_ground & ~supported])
+
+
+def supported_nodes(
+    parts: Sequence[Element | GroupTopology],
+    present: Bool[np.ndarray, " n_elem"],
+    fixed: Bool[np.ndarray, "n_node n_freedom"],
+) -> tuple[Bool[np.ndarray, "n_node n_freedom"], Bool[np.ndarray, " n_node"]]:
+    """Return what supports hold at nodes with active elements, and which nodes are on springs.
+
+    Args:
+        parts: element groups, or the parts of a `Topology`.
+        present: which elements of all groups are active.
+        fixed: degrees of freedom that supports fix, [n_node, 3 or 6] bool.
+
+    Returns:
+        What is fixed, [n_node, n_freedom] bool; which nodes have active springs to the ground or
+        bearings, [n_node] bool.
+    """
+    ends = np.cumsum([len(part.links) for part in parts])[:-1]
+    split, on_ground = np.split(present, ends), np.zeros(len(fixed), bool)
+    for part, there in zip(parts, split, strict=True):
+        if part.links.shape[1] == 1:
+            on_ground[part.links.array[there]] = True
+    active = nodes_with_elements(parts, len(fixed), None, split)
+    return fixed & (active | ~nodes_with_elements(parts, len(fixed)))[:, None], on_ground
 
 
 def draw_supports(

@@ -13,7 +13,7 @@ from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
 from .element_curves import Curves, picture_lines, select_lines
 from .ordinates import view_of_ordinates
-from .symbols import support_kinds
+from .symbols import support_kinds, supported_nodes
 from .views import View, choose_view
 
 
@@ -26,13 +26,14 @@ class UndeformedStructure:
             plane, else space.
         units: `Units` of the coordinates, None for SI.
         heights: factor on heights in an elevation, or None, as of `choose_view`.
+        present: which elements are active, [n_elem] bool; None: all.
 
     Attributes:
         structure, units, view: as above; the view is a `View`.
         nodes: positions of its nodes, m.
         links, element, group: its straight pieces, as of `straight_pieces`.
         extent: its largest extent along an axis, m.
-        held: which nodes are supported in which way, as of `support_kinds`, and by the ground.
+        held: which nodes with active elements are supported in which way, as of `support_kinds`.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class UndeformedStructure:
         view: str | None,
         units: Units | None,
         heights: float | None = 1.0,
+        present: Bool[np.ndarray, " n_elem"] | None = None,
     ):
         self.structure, self.units = structure, units
         self._is_stated = view is not None
@@ -50,14 +52,13 @@ class UndeformedStructure:
         )
         self.links, self.element, self.group = straight_pieces(structure.groups)
         self.extent = float(np.ptp(self.nodes, axis=0).max())
+        if present is None:
+            present = np.ones(sum(len(group.links) for group in structure.groups), bool)
         fixed = np.asarray(structure.supports.fixed(structure.n_node))
-        kinds = support_kinds(fixed, structure.rotating_nodes(), self.view.normal)
-        on_ground = np.zeros(len(self.nodes), bool)
-        for group in structure.groups:
-            if group.links.shape[1] == 1:
-                on_ground[group.links.array] = True
-        held = [*kinds, on_ground & ~kinds.any(axis=0)]
-        self.held: Bool[np.ndarray, "4 n_node"] = np.array(held)
+        held = supported_nodes(structure.groups, present, fixed)
+        self.held: Bool[np.ndarray, "4 n_node"] = support_kinds(
+            *held, structure.rotating_nodes(), self.view.normal
+        )
 
     def turn_to(
         self, ends: Float[np.ndarray, "n_beam 2 3"], sides: Float[np.ndarray, "n 3"]

@@ -37,16 +37,12 @@ def check_sentences(checks: Checks) -> list[str]:
     """Return sentences on whether all checks have passed, and which have not."""
     count = len(checks.results)
     exceeded = [one.name for one in checks.results if not float(one.largest) <= 1.0]
-    parts = (
-        (f"{len(exceeded)} of {count} checks NOT passed", exceeded),
-        ("NOT CHECKED, because the analysis failed", checks.failed),
-        ("NOT passed, UNSTABLE at the end", checks.unstable),
-    )
-    lines = [f"{text}: {', '.join(names)}" for text, names in parts if names]
-    if not lines:
+    lines = []
+    if exceeded:
+        lines = [f"{len(exceeded)} of {count} checks NOT passed: {', '.join(exceeded)}"]
+    elif not (checks.failed or checks.unstable):
         lines = [f"all {count} checks passed, largest utilization {float(checks.largest):.3f}"]
-    if checks.not_made:
-        lines.append(f"NOT MADE: {'; '.join(checks.not_made)}")
+    lines += checks.remarks()
     given = [one for one in checks.results if one.not_covered]
     lines += [f"not covered by {one.name}: {one.not_covered}" for one in given]
     return [*lines, "not covered: all that has no check"]
@@ -72,10 +68,13 @@ def _overview(checks):
     for one in checks.results:
         used, k = _largest_utilization(one)
         case, verdict = checks.governing(one.name)[k], _verdict(float(one.largest))
-        rows.append((one.name, used, one.items[k], case, verdict, one.clause))
+        counted = ", ".join(one.of) or "all cases"
+        rows.append((one.name, used, one.items[k], case, verdict, counted, one.clause))
     rows.sort(key=lambda row: -np.nan_to_num(row[1], nan=np.inf))
     columns = columns_of_rows(
-        rows, "check", ("utilization", "-"), "item", ("in", "", "case"), "verdict", "clause"
+        rows,
+        *("check", ("utilization", "-"), "item", ("in", "", "case"), "verdict"),
+        *(("counted", "", "cases that count"), "clause"),
     )
     columns[1] = columns[1]._replace(governs=True)
     return make_table("Checks, largest utilization of each", columns)

@@ -8,12 +8,15 @@ from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
+from ..analysis.load_resultants import load_resultants
 from ..common.status import describe
 from ..common.types import Float
-from ..common.units import Units
 from ..design.combination_rules import KindFactors
 from ..design.combinations import Combinations
-from .load_descriptions import describe_action
+from ..loads import as_list
+from ..model.result_parts import present_elements
+from .load_descriptions import SUM_OF_LOADS, describe_action
+from .states import ReportedAnalysis
 from .table import Table, columns_of_rows, make_table
 
 
@@ -69,26 +72,35 @@ def combination_table(
     return make_table("Combinations of actions", columns, notes)
 
 
-def action_table(combinations: Combinations, units: Units) -> Table:
-    """Return the table of the actions that are combined: name, kind, and what acts, in a line."""
+def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
+    """Return the table of the actions that are combined: name, kind, and what acts, in a line.
+
+    `of` is the analysis of the phases, whose elements are active.
+    """
     actions = combinations.actions
     by_kind = {factors.kind: factors for factors in combinations.kind_factors}
     own = [by_kind.get(one.kind, KindFactors(one.kind, *(None,) * 4)) for one in actions]
+    loads = [as_list(one.loads) for one in actions]
+    present = present_elements(of.structure, of.state.present)
+    sums = load_resultants(of.structure, [load for some in loads for load in some], present)
+    ends = np.cumsum([len(some) for some in loads])[:-1]
     rows = [
         [
-            *(one.name, one.kind, describe_action(one, units)),
+            *(one.name, one.kind, describe_action(one, of.structure, of.units)),
+            *(resultant.sum(axis=0).tolist() if len(resultant) else (None,) * 3),
             *map(_as_float, factors[1:]),
             *("yes" if one.in_phases else None, _conditions(one)),
         ]
-        for one, factors in zip(actions, own, strict=True)
+        for one, factors, resultant in zip(actions, own, np.split(sums, ends), strict=True)
     ]
     columns = columns_of_rows(
         rows,
         *("action", "kind", ("acts", "", "what acts")),
+        *((f"sum F{axis}", "N") for axis in "xyz"),
         *((name, "-") for name in KindFactors._fields[1:]),
         *("in phases", ("together", "", "acts together")),
     )
-    notes = ["characteristic values, which the factors of the combinations multiply"]
+    notes = ["characteristic values, which the factors of the combinations multiply", SUM_OF_LOADS]
     if by_kind:
         notes.append(
             "gamma: partial factor; psi0, psi1, psi2: combination, frequent, quasi-permanent value"

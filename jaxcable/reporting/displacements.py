@@ -10,6 +10,7 @@ from ..common import status
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..elements import Bars
+from ..model.result_parts import active_nodes
 from ..results import element_tilts, rotation_vectors
 from .columns import concatenate_groups, element_columns, envelope_columns
 from .states import EnvelopeState, ReportedAnalysis
@@ -94,19 +95,23 @@ def _tables_of(
     if not states:
         return {}
     each = [np.asarray(x.result.positions, float) - geometry(k) for k, x in states.items()]
-    moved, names = np.array(each), list(states)
+    moved, names = _of_active_nodes(of.structure, states, each), list(states)
     sizes = np.linalg.norm(moved, axis=2)
-    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _largest_side(of.structure))
+    largest = np.nan_to_num(sizes).max(axis=0)
+    nodes = np.flatnonzero(largest > _NEGLIGIBLE * _largest_side(of.structure))
     if not len(nodes):
         return {}
     columns = _vector_columns(of, nodes, names, moved, (*_AXES, "u"), "m", "total u")
     if of.cases is None and where == "from the start":
         good = [phase for phase in of.solution.phases if int(phase.status) == status.OK]
-        within = [np.linalg.norm(np.asarray(p.displacement_in_phase), axis=1)[nodes] for p in good]
-        values = np.array(within).T.ravel()
+        each = [np.asarray(phase.displacement_in_phase) for phase in good]
+        within = np.linalg.norm(_of_active_nodes(of.structure, states, each), axis=2)
+        values = within[:, nodes].T.ravel()
         columns.append(Column("u in phase", "m", values, "u of this phase", millimeters=True))
     notes = [note, "nodes that do not move have no row"]
-    tables = {"displacements": make_table(f"Displacements {where}", columns, notes)}
+    if np.isnan(sizes[:, nodes]).any():
+        notes.append("blank: the node has no active element")
+    tables = {"displacements": make_table(f"Displacements {where}, by {of.kind}", columns, notes)}
     if len(names) > 1:
         columns = [Column("node", "", nodes)]
         parts = [
@@ -125,6 +130,12 @@ def _tables_of(
         title = f"Envelope of displacements {where}, over all {of.name_of_states}"
         tables["displacement_envelope"] = make_table(title, columns)
     return tables
+
+
+def _of_active_nodes(structure, states, vectors):
+    """Return vectors of nodes in some `states` as [n_state, n_node, 3]; NaN at inactive nodes."""
+    active = [active_nodes(structure, state.result) for state in states.values()]
+    return np.where(np.array(active)[..., None], np.array(vectors), np.nan)
 
 
 def _vector_columns(of, nodes, states, vectors, names, unit, total):
@@ -152,8 +163,9 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
     if not of.structure.space.rotates or not of.envelope:
         return {}
     each = [rotation_vectors(of.structure, state.result) for state in of.envelope.values()]
-    turned = np.array([np.asarray(vectors) for vectors in each])
-    nodes = np.flatnonzero(np.linalg.norm(turned, axis=2).max(axis=0) > NEGLIGIBLE)  # beside 1 rad
+    turned = _of_active_nodes(of.structure, of.envelope, each)
+    angles = np.nan_to_num(np.linalg.norm(turned, axis=2))
+    nodes = np.flatnonzero(angles.max(axis=0) > NEGLIGIBLE)  # beside 1 rad
     if not len(nodes):
         return {}
     names = "rx", "ry", "rz", "angle"

@@ -7,20 +7,29 @@ import functools
 import jax
 import numpy as np
 
+from ..common import checks
 from ..common.negligible import vector_text, zero_negligible
+from ..common.tree import index_field
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
 from ..elements.abilities import STATEMENTS
-from ..loads import LineLoads, SelfWeight, as_list
-from ..loads.load import Load
+from ..files.codec import TYPES, user_fields
+from ..files.field_docs import field_units
+from ..loads import Varying, WindLoads, as_list
+from ..loads.faces import OnFaces
+from ..loads.groups import OnGroups
+from ..loads.load import Load, Moving, OnNodes
+from ..model.structure import Structure
+from ..programs.traced_function import evaluate_at_once
 
+SUM_OF_LOADS = "sum F: of the forces on all nodes, in the geometry of the input"
 _MOST_LISTED = 8  # numbers of elements in a text
 
 
-def describe_action(action: Action, units: Units | None) -> str:
+def describe_action(action: Action, structure: Structure, units: Units | None) -> str:
     """Return what acts by an action: its loads and changes, in `units`, or SI if that is None."""
-    parts = [describe_load(load, units) for load in as_list(action.loads)]
+    parts = [describe_load(load, structure, units) for load in as_list(action.loads)]
     for name in ("temperature", "shortening"):
         values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
         if values:
@@ -46,20 +55,54 @@ def lost_elements_text(removes: PyTree[Bool[ArrayLike, " n_elem"]] | None) -> st
     return f"{count} {word} lost: {'; '.join(parts)}" if count else ""
 
 
-def describe_load(load: Load, units: Units | None) -> str:
-    """Return a load in words, with its values, in `units` or SI, where these are one vector."""
-    if isinstance(load, SelfWeight | LineLoads):
-        where = "" if load.on is None else f" on {load.on}"
-        where += "" if load.elements is None else f" ({elements_text(load.elements.elements)})"
-    if isinstance(load, SelfWeight):
-        direction = np.asarray(load.direction, float)
-        plain = np.array_equal(direction, [0.0, 0.0, -1.0])
-        return f"self-weight{where}" + ("" if plain else f", times {vector_text(direction)}")
-    if isinstance(load, LineLoads):
-        forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
-        size = range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
-        return f"line load {size}{where} (per {load.per} length)"
-    return load.describe(units or SI)
+def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
+    """Return a load in words, with its numbers in `units`, or SI if that is None.
+
+    Of loads on nodes these are the sum and the largest one; of `WindLoads` the velocity pressure at
+    the loaded nodes is among them.
+    """
+    if isinstance(load, Varying):
+        amplitude = load.describe(units or SI).removeprefix(load.load.describe(units or SI))
+        return describe_load(load.load, structure, units) + amplitude
+    described = load.describe(units or SI)
+    if isinstance(load, OnNodes):
+        return described
+    numbers = [own for own in _numbers_of_load(load, units or SI) if own[1] not in described]
+    if isinstance(load, WindLoads):
+        pressure = range_text(_velocity_pressures(load, structure), "N/m2", units)
+        numbers.append(("velocity pressure", f"{pressure} at its nodes"))
+    if isinstance(load, OnGroups) and load.elements is not None:
+        described += f" ({elements_text(load.elements.elements)})"
+    if (per := getattr(load, "per", None)) is not None:
+        described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
+    if isinstance(load, Moving) and (nodes := index_field(load, "nodes")) is not None:
+        described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"
+    return "; ".join([described, ", ".join(map(" ".join, numbers))]).removesuffix("; ")
+
+
+def _numbers_of_load(load, units):
+    """Iterate over the numbers that a load is given by: name and text; of many vectors the size."""
+    found = field_units(type(load), TYPES)
+    for field in user_fields(type(load)):
+        value = checks.array_if_known(getattr(load, field.name))
+        if value is None or not value.size or field.name not in found:
+            continue
+        name, unit, is_vector = field.name, found[field.name], "3'" in str(field.type)
+        if np.array_equal(value, field.default) and (unit == "-" or not value.any()):
+            continue  # factors and directions that nobody has stated
+        if is_vector and value.ndim > 1:
+            name, value, is_vector = f"size of {name}", np.linalg.norm(value, axis=-1), False
+        yield name, range_with_unit(value, unit, units, is_vector).removesuffix(" -")
+
+
+def _velocity_pressures(load, structure):
+    """Return the velocity pressures, N/m2, at the nodes of the elements that `WindLoads` press."""
+    numbers, mask = load.loaded_groups(structure)
+    chosen = slice(None) if mask is None else mask
+    links = [structure.groups[k].links.array[chosen].ravel() for k in numbers]
+    nodes = np.asarray(structure.nodes)[np.unique(np.concatenate(links))]
+    upwards = np.asarray(load.vertical) / np.linalg.norm(load.vertical)
+    return evaluate_at_once(load.profile.pressure_at, nodes @ upwards - np.asarray(load.ground))
 
 
 def elements_text(elements: Int[ArrayLike, " n"]) -> str:

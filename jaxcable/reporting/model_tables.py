@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.activation import make_activation
+from ..analysis.load_resultants import load_resultants
 from ..analysis.phases import Phase
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float
@@ -17,10 +18,11 @@ from ..elements import Bearings, Springs
 from ..elements.beam_element import BeamElement
 from ..elements.element import Element
 from ..elements.straight import Straight
+from ..loads import as_list
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .load_descriptions import range_with_unit
+from .load_descriptions import SUM_OF_LOADS, range_with_unit
 from .phase_descriptions import describe_activation, describe_loads, describe_statements
 from .table import Column, Table, columns_of_rows, make_table
 
@@ -48,7 +50,7 @@ def model_tables(
     change = any(phase.supports is not None for phase in phases or ())
     found = {
         "geometry": _node_table(structure, change),
-        "properties": _property_table(structure, units),
+        "properties": property_table(structure, units),
     }
     if phases is not None:
         found["phases"] = _phase_table(structure, phases, names, units)
@@ -92,8 +94,11 @@ def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) 
     return " ".join(name for name, is_held in zip(_FREEDOMS, held, strict=True) if is_held) or None
 
 
-def _property_table(structure: Structure, units: Units | None) -> Table:
-    """Return the table of the properties of elements: a row for all with the same in a group."""
+def property_table(structure: Structure, units: Units | None) -> Table:
+    """Return the table of the properties of elements: a row for all with the same in a group.
+
+    It is in SI; numbers in its texts are in `units`, None for SI with kN.
+    """
     rows: list[list[Any]] = []
     for label, group in named_groups_of(structure):
         values = _properties_of(group)
@@ -150,6 +155,8 @@ def _further_properties(group, units):
         parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
     if group.face is not None and group.weight is not None:
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
+    if (lengths := getattr(group, "rest_length", None)) is not None:
+        parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
     if isinstance(spring := group, Springs | Bearings):
@@ -162,17 +169,24 @@ def _phase_table(structure, phases, names, units):
     presence = make_activation(structure, phases, None)
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
-        lines = [("increments", str(phase.increments))]
+        lines: list[tuple[Any, ...]] = [("increments", str(phase.increments))]
         lines += [("states", text) for text in describe_statements(phase, structure, units)]
-        lines += [("applies", text) for text in describe_loads(phase, units)]
+        present = [np.ones(len(one.links), bool) for one in structure.groups]
+        if presence is not None:
+            present = [np.asarray(own[k]) for own in presence.present]
+        sums = load_resultants(structure, as_list(phase.loads), present).tolist()
+        told = describe_loads(phase, structure, units)
+        lines += [("applies", text, *own) for text, own in zip(told, sums, strict=True)]
         if phase.supports is not None:
             lines.append(("supports", _new_supports(supports, phase.supports, structure.n_node)))
             supports = phase.supports
         if presence is not None:
             lines += [("elements", text) for text in describe_activation(k, structure, presence)]
-        rows += [(k + 1, name, *line) for line in lines]
-    columns = columns_of_rows(rows, "phase", "name", "what", "text")
+        rows += [(k + 1, name, *line, *(None,) * (5 - len(line))) for line in lines]
+    sums = ((f"sum F{axis}", "N") for axis in "xyz")
+    columns = columns_of_rows(rows, "phase", "name", "what", "text", *sums)
     notes = [
+        SUM_OF_LOADS,
         "all that a phase states, applies, adds and removes acts together, ramped over its "
         "increments; loads go on acting in the phases after it",
         "elements are numbered from 0 in their group",

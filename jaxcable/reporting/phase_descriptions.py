@@ -37,9 +37,9 @@ def describe_statements(
     return lines
 
 
-def describe_loads(phase: Phase, units: Units | None) -> list[str]:
+def describe_loads(phase: Phase, structure: Structure, units: Units | None) -> list[str]:
     """Return the loads of a phase in words, a line for each; numbers in `units`, None for SI."""
-    return [describe_load(load, units) for load in as_list(phase.loads)]
+    return [describe_load(load, structure, units) for load in as_list(phase.loads)]
 
 
 def describe_activation(k: int, structure: Structure, presence: Activation) -> list[str]:

@@ -11,7 +11,12 @@ from ..analysis.results import Results
 from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
 from ..common.types import Bool, Float, Int
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
-from ..model.result_parts import named_groups_of, present_elements, values_per_group
+from ..model.result_parts import (
+    active_nodes,
+    named_groups_of,
+    present_elements,
+    values_per_group,
+)
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .columns import envelope_columns
@@ -92,7 +97,7 @@ def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Rea
         own[:, :3] = result.reactions
         if result.reaction_moments is not None:
             own[:, 3:] = result.reaction_moments
-        held = supported_components(structure, fixed)
+        held = supported_components(structure, fixed) & active_nodes(structure, result)[:, None]
         ever |= held.any(axis=1)
         # a skew support that has rotated with its node may push along other axes, too
         held |= np.abs(own) > _rounding_limits(own)

@@ -258,7 +258,7 @@ def _with_combinations(summary, tables, combinations, of, failed):
     named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
     sums = {name: total_reaction(of.structure, case.last) for name, case in of.cases.items()}
     own = {
-        "actions": action_table(combinations, of.units),
+        "actions": action_table(combinations, of),
         "combinations": combination_table(combinations, failed, unstable, named, sums),
     }
     return summary + combination_sentences(combinations, failed, unstable), {**own, **tables}

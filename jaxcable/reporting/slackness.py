@@ -6,7 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ..model.result_parts import named_groups_of, present_elements, slack_elements, values_per_group
+from ..model.result_parts import (
+    loose_nodes,
+    named_groups_of,
+    present_elements,
+    slack_elements,
+    values_per_group,
+)
 from .columns import states_heading
 from .states import ReportedAnalysis
 from .table import Table, columns_of_rows, make_table
@@ -23,19 +29,14 @@ def slackness_tables(of: ReportedAnalysis) -> dict[str, Table]:
     slack_in: dict[tuple[Any, ...], list[str]] = {}
     loose_in: dict[tuple[Any, ...], list[str]] = {}
     for name, (state, fixed) in of.every.items():
-        held = np.array(fixed.array[: structure.n_node, :3].all(axis=1))
-        attached = np.zeros(structure.n_node, bool)
         tensions = values_per_group(structure, state.tension)
         masks = present_elements(structure, state.present)
         for (label, group), force, present in zip(
             named_groups_of(structure), tensions, masks, strict=True
         ):
-            slack, links = slack_elements(group, force, present), group.links.array
-            attached[links[present]] = True
-            held[links[present & ~slack]] = True
-            for k in np.flatnonzero(slack):
+            for k in np.flatnonzero(slack_elements(group, force, present)):
                 slack_in.setdefault((label, int(k)), []).append(name)
-        for k in np.flatnonzero(~held & attached):
+        for k in np.flatnonzero(loose_nodes(structure, state, fixed.array)):
             loose_in.setdefault((int(k),), []).append(name)
     words = "slack cables"
     if any(group.compression_only for group in structure.groups):

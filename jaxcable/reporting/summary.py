@@ -9,6 +9,7 @@ import numpy as np
 from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.result_parts import named_groups_of, present_elements
+from ..model.spins import describe_free_spins
 from ..model.structure import Structure
 
 _TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
@@ -40,8 +41,10 @@ def summary_sentences(
     if has_no_result(solution):
         first = next(h for h, p in zip(heads, solution.phases, strict=True) if int(p.status) != 0)
         return [*lines, f"FAILED: no results: {first} did not converge in its first increment"]
+    last = solution.last
+    spins = describe_free_spins(structure, last.fixed[int(last.phase) + 1])
+    lines += [f"NOT HELD, though counted as stable: {sentence}" for sentence, _ in spins]
     if code != status.OK:
-        last = solution.last
         lines.append(
             "FAILED: what follows is the last converged state, "
             f"{heads[max(int(last.phase), 0)]}, load factor {float(last.load_factor):.6g}"

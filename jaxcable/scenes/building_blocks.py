@@ -72,13 +72,13 @@ class Scene(NamedTuple):
         return self._with(actions=tuple(actions))
 
     @property
-    def combination_rules(self) -> str | None:
-        """The name of the standard by whose rules the file combines the actions; None for none."""
+    def combination_rules(self) -> str | dict[str, Any] | None:
+        """The standard by whose rules the file combines the actions, or rules; None for none."""
         return getattr(self, "_combination_rules", None)
 
-    def with_combination_rules(self, name: str | None) -> Scene:
+    def with_combination_rules(self, rules: str | dict[str, Any] | None) -> Scene:
         """Return the same scene with other `combination_rules`, such as "EN 1990"."""
-        return self._with(combination_rules=name)
+        return self._with(combination_rules=rules)
 
     @property
     def checks(self) -> list[Any]:

@@ -79,7 +79,7 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
         assert command(f"{words} --report r.csv --report r.txt --report") == 0
         told = capsys.readouterr().out
         assert "wrote r-displacements.csv" in told and "wrote r.txt" in told
-        assert "envelope over" in told and "AreaLoads on 1 faces: (0, 0, -100) N/m2" in told
+        assert "envelope over" in told and "(per initial area); forces (0, 0, -100)" in told
     assert (folder / "r.txt").read_text().count("envelope over") >= 1
     assert command(f"{words} --report r.txt --report ./r.txt") == 2  # one file twice
 
@@ -211,6 +211,29 @@ def test_optimize_keeps_limits_in_all_combinations(folder, capsys):
     assert f"axial forces over 3 combinations {forces.min():.6g} to {forces.max():.6g} N" in told
 
 
+def test_buckling_factors_of_cases_refer_to_the_end_of_the_phases(folder, capsys):
+    """As with the solution of the phases in Python: the prestressed mast carries 32 kN."""
+    structure, prestress, winds = stayed_mast()
+    steel = {
+        **{"elements": "mast", "profile": jc.catalogue.profile_data("CHS 168.3x8")},
+        **{"yield_strength": 355e6, "factors": 3.0},
+    }
+    rules = [jc.design.MemberBuckling(**steel, reference="last phase")]
+    more = {"combinations": "EN 1990", "checks": rules}
+    jc.save_scene("mast.json", (structure, prestress), actions=winds, **more)
+    assert command("solve mast.json --which 'ULS 6.10'") == 3  # 32 kN is critical
+    told = capsys.readouterr().out
+    calm = jc.solve(structure, prestress)
+    found = jc.design.combinations(winds, which=["ULS 6.10"])
+    cases = jc.design.solve_cases(structure, prestress, found)
+    assert int(calm.status) == 0 and (np.asarray(cases.status) == 0).all()
+    used = [
+        float(jc.design.checks(structure, cases, own, combinations=found).largest)
+        for own in (jc.design.MemberBuckling(**steel, reference=r) for r in (calm, None))
+    ]
+    assert f"member buckling: FAILS: utilization {used[0]:.3f}" in told and used[1] < 0.5 * used[0]
+
+
 def converged_cases(structure, phase, many):
     """The axial forces of all elements in all combinations, N, of which none has failed."""
     cases = jc.design.solve_cases(structure, phase, many)
@@ -276,7 +299,7 @@ def test_combinations_that_fail_are_named(folder, capsys):
 def test_info_shows_actions(folder, capsys):
     assert command("info rope.json") == 0
     told = capsys.readouterr().out
-    assert "action self-weight, permanent (in the phases)\n  self-weight\n" in told
+    assert "action self-weight, permanent (in the phases)\n  SelfWeight\n" in told
     assert "action snow, snow\n  NodalLoads on 1 node, sum (0, 0, -1) kN\n" in told
 
 

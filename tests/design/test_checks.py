@@ -364,6 +364,55 @@ def test_limits_of_displacements_tensions_and_reactions(cases):
     assert not found.passed
 
 
+def test_buckling_factors_refer_to_the_state_before_the_last_phase():
+    """The same as with the solution of that state, and not the same as from no load."""
+    calm = converged(jc.solve(stayed(), CALM))
+    pushed = converged(jc.solve(stayed(), [CALM, jc.Phase(loads=WIND)]))
+    steel = {"elements": "post", "profile": TUBE, "yield_strength": STEEL, "factors": 3.0}
+    rules = [
+        design.MemberBuckling(**steel, name=str(k), reference=reference)
+        for k, reference in enumerate(("last phase", calm, None))
+    ]
+    found = design.checks(stayed(), pushed, rules)
+    np.testing.assert_allclose(found["0"].utilization, found["1"].utilization, rtol=1e-9)
+    assert abs(float(found["2"].utilization[0]) / float(found["0"].utilization[0]) - 1) > 1e-3
+    with pytest.raises(ValueError, match="reference = 'last phase': the solution has one phase"):
+        design.checks(stayed(), calm, rules[0])
+
+
+def test_what_has_no_definite_place_decides_no_limit():
+    """A rope that is slack in the first of two cases, and a stay that is removed.
+
+    The rope is 1 mm too long, and under 1 kN its end goes down by this and by F L / EA = 1 mm. The
+    stay had moved by F L / 4 T = 10 mm, more than the limit.
+    """
+    nodes = [[0.0, 0, 0], [0.0, 0, -1.0], [2.0, 0, 0], [3.0, 0, 0], [4.0, 0, 0]]
+    groups = {
+        "rope": jc.Cables([[0, 1]], axial_stiffness=1e6),
+        "stay": jc.Cables([[2, 3], [3, 4]], axial_stiffness=1e6),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0, 2, 4]))
+    push = jc.NodalLoads([3], (0.0, 0.0, -100.0))
+    built = jc.Phase(loads=push, pretension={"stay": 5e3}, shortening={"rope": -1e-3})
+    begun = converged(jc.solve(structure, [built, jc.Phase(removes=["stay"])]))
+    loads = (jc.NodalLoads([1], (0.0, 0.0, force)) for force in (0.0, -1e3))
+    each = [jc.Phase(loads=load) for load in loads]
+    cases = design.solve_cases(structure, None, each, start=begun)
+    assert (cases.status == 0).all()
+    rules = [
+        design.DisplacementLimit(4e-3, [1, 3], (0, 0, 1)),
+        design.DisplacementLimit(4e-3, [2, 4], name="of what is not there"),
+        design.TensionLimit(lower=1.0, elements="stay"),
+    ]
+    found = design.checks(structure, cases, rules)
+    assert found["displacement"].utilization == pytest.approx([0.5, 0.0], rel=1e-3)
+    assert found.unchecked == {"displacement": ["node 1"]} and "node 1" in str(found)
+    assert found.passed and np.asarray(found["tension that remains"].utilization).tolist() == [0, 0]
+    alone = jax.tree.map(lambda x: x[:1], cases)
+    of_one = design.checks(structure, alone, rules)
+    assert np.isnan(of_one.largest) and not of_one.passed
+
+
 def test_a_failed_case_is_named_and_spoils_nothing(cases):
     """Its utilizations have no part in the extremes, but the checks have not passed."""
     broken = dataclasses.replace(

@@ -113,6 +113,10 @@ CHECKS = [
     jc.design.MemberBuckling(
         **{"profile": WELDED, "yield_strength": 235e6, "lengths": (4.0, 6.0), "curves": "b"}
     ),
+    jc.design.MemberBuckling(
+        **{"profile": WELDED, "yield_strength": 235e6, "factors": 3.0},
+        **{"name": "by factor", "reference": "last phase"},
+    ),
     jc.design.DisplacementLimit(0.05, [1], (0.0, 0.0, 1.0), since="last phase"),
     jc.design.TensionLimit(lower=300.0, name="taut", of=()),
     jc.design.ReactionLimit([0, 2], lower=-5e3, upper=9e3),
@@ -148,7 +152,26 @@ def test_checks_and_their_standard_are_read_back(units, tmp_path):
     stated = data["checks"][4]
     assert stated["profile"]["Wy"] == pytest.approx(1e-4 * length**3, rel=1e-15)
     assert stated["yield_strength"] == pytest.approx(235e6 * force / length**2, rel=1e-15)
-    assert data["checks"][7]["lower"] == pytest.approx(-5e3 * force, rel=1e-15)
+    assert data["checks"][8]["lower"] == pytest.approx(-5e3 * force, rel=1e-15)
+
+
+def test_rules_of_an_annex_are_read_back(tmp_path):
+    """Other factors than those of the standard, which combine the actions of the file."""
+    path = tmp_path / "scene.json"
+    annex = jc.design.combination_rules("EN 1990") | {"gamma": 1.6, "source": "an annex"}
+    scene = (TIED, PHASES)
+    jc.save_scene(path, scene, units="kN, mm", actions=[SNOW_ACTION], combinations=annex)
+    read = jc.load_scene(path)
+    assert read.combination_rules == annex
+    jc.save_scene(path, read)
+    assert json.loads(path.read_text())["combinations"]["gamma"] == 1.6
+    found = jc.design.combinations(read.actions, read.combination_rules, which=["ULS 6.10"])
+    assert found.formula(1) == "1.6 snow"
+    data = json.loads(path.read_text())
+    data["combinations"]["kinds"]["snow"]["psi"] = [0.5]
+    path.write_text(json.dumps(data))
+    with pytest.raises(FileError, match=r"combinations: rules: kinds\['snow'\]\['psi'\]: expected"):
+        jc.load_scene(path)
 
 
 SERVICE = {"type": "CableService"}

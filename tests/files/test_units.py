@@ -454,7 +454,7 @@ def test_texts_of_reports_have_the_usual_small_units():
         ("kgf, m", "mm", "kgf/cm2"),
     ):
         lines = jc.report(structure, solution, phases, units=system).text().splitlines()
-        assert f"Displacements from the start ({small})" in lines
+        assert f"Displacements from the start, by phase ({small})" in lines
         k = lines.index("Stresses in the final state, tension positive")
         assert f"({stress})" in "".join(lines[k : k + 4])
     # 1 MPa is 1e6/6894.757293168 lbf/in2 (NIST SP 811)

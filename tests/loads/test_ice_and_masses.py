@@ -152,7 +152,7 @@ def test_files_hold_them_with_their_profiles(tmp_path, capsys):
     parser.main(["info", str(path)])
     told = capsys.readouterr().out
     assert "WindLoads on front towards (1, 0, 0): EN 1991-1-4 of 25 m/s, terrain II, peak" in told
-    assert "IceLoads on back: 20 mm of 900 kg/m3" in told
+    assert "IceLoads on back; thickness 0.02 m, diameter 0.02 to 0.03 m, density 900 kg/m3" in told
     assert "PointMasses on 1 node, sum 120 kg" in told
     for wrong, message in (
         ({"terrain": "V"}, "terrain = 'V': expected one of 0, I, II, III, IV"),

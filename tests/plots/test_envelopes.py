@@ -102,6 +102,16 @@ def test_removed_elements_are_not_drawn(without_rope, of):
     assert len(parts) >= 4 and max(part[:, 1].max() for part in parts if len(part)) < 0.6
 
 
+def test_supports_of_removed_elements_are_not_marked(solved, without_rope):
+    """The rope hangs from a pin at (2, 2), above the beam."""
+    highest = []
+    for _, envelope in (solved, without_rope):
+        axes, *_ = jc.plots.envelope_diagram(STRUCTURE, envelope, "tension").axes
+        marks = [line for line in axes.lines if line.get_marker() == "^"]
+        highest.append(max(np.max(line.get_ydata()) for line in marks))
+    assert highest == [2.0, 0.0]
+
+
 @pytest.mark.slow
 def test_displaced_beams_are_bent(without_rope):
     """Halves of a beam under a force in the middle: at quarters 11/16 of what the middle moves."""

@@ -326,13 +326,16 @@ def test_kinds_of_supports():
     rows = ["111111", "111000", "111100", "001000", "010000", "000000"]
     fixed = np.array([[letter == "1" for letter in row] for row in rows])
     beams, normal = np.ones(6, bool), np.array([0.0, 1.0, 0.0])
-    clamped, pinned, in_part = symbols.support_kinds(fixed, beams, normal)
+    sprung = np.arange(6) > 3
+    clamped, pinned, in_part, on_ground = symbols.support_kinds(fixed, sprung, beams, normal)
+    assert on_ground.tolist() == [False, False, False, False, True, True]
     assert clamped.tolist() == [True, False, False, False, False, False]
     assert pinned.tolist() == [False, True, True, False, False, False]
     assert in_part.tolist() == [False, False, False, True, False, False]
-    clamped, pinned, in_part = symbols.support_kinds(fixed)  # of cables, in space
+    clamped, pinned, in_part, on_ground = symbols.support_kinds(fixed, sprung)  # cables, in space
     assert not clamped.any() and pinned.tolist() == [True, True, True, False, False, False]
     assert in_part.tolist() == [False, False, False, True, True, False]
+    assert on_ground.tolist() == [False] * 5 + [True]
 
 
 def test_round_factors_units_of_force_and_frames():

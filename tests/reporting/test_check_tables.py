@@ -52,6 +52,13 @@ def test_checks_are_sorted_and_have_their_terms_in_the_units_of_the_report(writt
     assert used == sorted(used, reverse=True)
 
 
+def test_without_combinations_all_cases_count(written):
+    tables = written[1].tables
+    overview = tables["checks"]
+    assert {row[overview.columns.index("counted")] for row in overview.rows} == {"all cases"}
+    assert "counted: all cases" in tables["check_cable_resistance"].notes
+
+
 def test_a_check_that_is_not_passed_stands_in_the_summary():
     """Infinite utilization is a number, and text, CSV and JSON are written."""
     solution = jc.solve(HOOKS, jc.Phase(loads=jc.NodalLoads([1, 2], (0.0, 0.0, -1e3))))

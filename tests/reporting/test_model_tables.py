@@ -9,8 +9,11 @@ from oracles.convergence import converged
 
 import jaxcable as jc
 from jaxcable.__main__ import main
+from jaxcable.analysis.load_resultants import load_resultants
 from jaxcable.cli import file_names
+from jaxcable.common.units import as_units
 from jaxcable.reporting.document import Heading, make_document
+from jaxcable.reporting.load_descriptions import describe_load
 from jaxcable.reporting.table import Table
 
 STEEL = 210e9  # Pa
@@ -143,9 +146,35 @@ def test_stages_have_their_forces_and_reactions():
     solutions = jc.design.solve_cases(BRIDGE, None, cases, start=built)
     over = jc.report(BRIDGE, built, stages, cases=solutions)
     assert over.tables["displacements_by_phase"].rows == begin["displacements"].rows
+    titles = [table.title for table in over.tables.values()]
+    assert len({*titles}) == len(titles)
     first = {name: text.partition("\n")[0].rstrip() for name, text in over.csv().items()}
     for name in ("forces_by_phase", "reactions_by_phase", "displacements_by_phase"):
         assert first[name].startswith(file_names.REPORT[name]) and " (" in first[name]
+
+
+def test_nodes_without_active_elements_have_no_values():
+    """Bars of 1 m and 1 MN in a row, under 1 kN each; the lower one is there in phase 2 alone.
+
+    Each kN makes each bar longer by 1 mm; 0.5 %: bars are added in the deformed geometry.
+    """
+    bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+    guide = jc.pinned([0]) + jc.restrained([1, 2], "xy")
+    chain = jc.Structure([[0.0, 0, 0], [0.0, 0, -1.0], [0.0, 0, -2.0]], bars, supports=guide)
+    phases = [
+        jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1e3))),
+        jc.Phase(loads=jc.NodalLoads([2], (5.0, 0.0, -1e3)), adds=jc.only([1])),  # on the guide
+        jc.Phase(removes=jc.only([1])),
+    ]
+    tables = jc.report(chain, converged(jc.solve(chain, phases))).tables
+    shown = [row[4] for row in tables["displacements"].rows]
+    assert shown[3] is None and shown[5] is None
+    known = [*shown[:3], shown[4]]
+    np.testing.assert_allclose(known, [-1e-3, -2e-3, -1e-3, -2e-3], rtol=5e-3)
+    (lower,) = [row for row in rows(tables["displacement_envelope"]) if row["node"] == 2]
+    assert lower["min uz"] == lower["max uz"] == shown[4]
+    held = {(row[0], row[1]): row[2] for row in tables["reactions_by_phase"].rows}
+    assert [held[2, f"phase {k}"] for k in (1, 2)] == [None, pytest.approx(-5.0)]
 
 
 def test_files_of_the_command_have_the_model_and_the_screen_has_not(tmp_path, capsys):
@@ -192,6 +221,69 @@ def test_actions_have_the_factors_of_their_kinds():
     assert american.kind_factors == ()
     assert american.rule_factors[0] == "permanent 1.4, prestress 1, temperature 1"
     assert any("one of (roof live 1.6, snow 1.6, rain 1.6)" in of for of in american.rule_factors)
+
+
+MAST = jc.Structure(
+    [[0.0, 0, 0], [0.0, 0, 10.0], [6.0, 0, 0], [0.0, 0, 2.0]],
+    {
+        "guys": jc.Cables([[1, 2]], axial_stiffness=1e7),
+        "mast": jc.Beams([[0, 3], [3, 1]], TUBE, torsional_stiffness=5e6, weight=300.0),
+    },
+    supports=jc.clamped([0]) + jc.pinned([2]),
+)
+PEAK = (1 + 7 / np.log(200.0)) * 0.5 * 1.25 * (25.0 * 0.19 * np.log(200.0)) ** 2  # EN 1991-1-4, 4.8
+WIND = jc.EurocodeWind(25.0, "II")
+TOLD = {
+    "WindLoads on guys towards (0, 1, 0): wind table of 1 heights; drag 1.2, diameter 0.02 m, "
+    "factor 1.5, velocity pressure 500 N/m2 at its nodes": (
+        jc.WindLoads((0, 1, 0), jc.WindTable(pressures=500.0), 1.2, 0.02, "guys", factor=1.5),
+        (0.0, 500.0 * 1.2 * 0.02 * 1.5 * np.hypot(6.0, 10.0), 0.0),
+    ),
+    "CablePressure on guys (per current length); pressure 10 N/m, axis (0, 1, 0)": (
+        jc.CablePressure(10.0, (0.0, 1.0, 0.0), on="guys"),
+        (-100.0, 0.0, -60.0),  # axis x chord, (0, 1, 0) x (6, 0, -10)
+    ),
+    "FacePressure on 1 faces; pressure 20 N/m2": (
+        jc.FacePressure([[0, 2, 1]], 20.0),
+        (0.0, -600.0, 0.0),  # 30 m2
+    ),
+    "AreaLoads on 1 faces (per initial area); forces (0, -1, 0) N/m2": (
+        jc.AreaLoads([[0, 2, 1]], (0.0, -1.0, 0.0), per="initial"),
+        (0.0, -30.0, 0.0),
+    ),
+    "PointLoads at 1 places, sum (0, 3, 0) N; places 0.5": (
+        jc.PointLoads([1], 0.5, (0.0, 3.0, 0.0), on="mast"),
+        (0.0, 3.0, 0.0),
+    ),
+    "Train of 2 axles on 2 elements; position 6 m, forces (5, 0, 0) N, spacings 2 m": (
+        jc.loads.Train([0, 1], 6.0, (5.0, 0.0, 0.0), spacings=[2.0]),
+        (10.0, 0.0, 0.0),
+    ),
+    "Crowd on 1 part of 2 elements; forces (5, 0, 0) N/m, begin 1 m, end 4 m": (
+        jc.loads.Crowd([0, 1], (5.0, 0.0, 0.0), 1.0, 4.0),
+        (10.0, 0.0, 0.0),  # 2 m on the active part
+    ),
+    "SelfWeight; amplitude: 0 at 0, 0.5 at 1": (
+        jc.Varying(jc.SelfWeight(), [0.0, 1.0], [0.0, 0.5]),
+        (0.0, 0.0, -300.0 * 8.0),
+    ),
+    "SupportMovement of node 2; displacements (0.01, 0, 0) m": (
+        jc.SupportMovement([2], (0.01, 0.0, 0.0)),
+        (np.nan,) * 3,
+    ),
+}
+
+
+def test_loads_have_their_numbers_and_their_resultants():
+    """What a checking engineer needs, by hand; the lower 2 m of the mast are not active."""
+    present = [np.ones(1, bool), np.array([False, True])]
+    loads, sums = zip(*TOLD.values(), strict=True)
+    found = load_resultants(MAST, loads, present)
+    np.testing.assert_allclose(found, sums, rtol=1e-12, atol=1e-9)
+    assert [describe_load(load, MAST, None) for load in loads] == list(TOLD)
+    wind = jc.WindLoads((1, 0, 0), WIND, drag=1.2, diameter=0.2, on="mast", elements=jc.only([1]))
+    told = describe_load(wind, MAST, as_units("kN, m"))
+    assert "(element 1)" in told and f" to {PEAK / 1e3:.6g} kN/m2 at its nodes" in told
 
 
 @pytest.mark.parametrize(("letters", "count", "turned"), [("w ", 9, 0), ("w", 9, 1), ("w ", 12, 1)])

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import warnings
 
 import jax
 import numpy as np
@@ -339,7 +340,7 @@ def test_displacements_of_every_phase_and_their_envelope(net):
     assert found["min uz"] == last[2] and found["max u"] == table.rows[1][5]
     assert list(found.values())[-1] == "phase 2"
     text = jc.report(structure, solution).text()
-    assert f"{1e3 * last[2]:.2f}" in text.split("Displacements from the start (mm)")[1]
+    assert f"{1e3 * last[2]:.2f}" in text.split("Displacements from the start, by phase (mm)")[1]
     # of cases, each from the same start
     structure, _, start, batch = net
     table = jc.report(structure, start, cases=batch).tables["displacements"]
@@ -355,6 +356,27 @@ def test_displacements_of_a_tenth_of_the_extent_are_doubted():
     assert f"node 1 has moved by {moved:.4g} m" in line and "nodes in m" in line
     structure, solution, _ = strung(1e9, -200.0)
     assert not [x for x in jc.report(structure, solution).summary if x.startswith("CHECK")]
+
+
+def test_a_mast_that_can_spin_is_said_to_be_not_held():
+    """On a ball joint, with guys at its axis; its foot is held against rotation about z or not."""
+    around = np.radians([0.0, 120.0, 240.0])
+    anchors = [(8.0 * np.cos(a), 8.0 * np.sin(a), 0.0) for a in around]
+    groups = {
+        "mast": jc.Beams([[0, 1]], jc.Section.rectangle(0.2, 0.2, jc.Elastic(210e9))),
+        "guys": jc.Cables([[1, 2], [1, 3], [1, 4]], axial_stiffness=1e7),
+    }
+    said = []
+    for foot in (jc.pinned([0]), jc.restrained([0], "xyz", "z")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", jc.InputWarning)
+            nodes = [(0.0, 0.0, 0.0), (0.0, 0.0, 10.0), *anchors]
+            mast = jc.Structure(nodes, groups, supports=foot + jc.pinned([2, 3, 4]))
+            solution = converged(jc.solve(mast, jc.Phase(pretension={"guys": 1e4})))
+        summary = jc.report(mast, solution).summary
+        said.append([line for line in summary if "NOT HELD" in line])
+    assert len(said[0]) == 1 and "nodes 0 to 1 can spin about their line" in said[0][0]
+    assert said[1] == []
 
 
 def test_nothing_that_converged_means_no_tables(tmp_path):

@@ -163,7 +163,7 @@ def test_a_report_has_rotations_sags_and_both_displacements():
     np.testing.assert_allclose(row[2:5], bent().phases[1].displacement_in_phase[1], atol=1e-15)
     text = told.text()
     for title in (
-        "Displacements from the start",
+        "Displacements from the start, by phase",
         "Displacements since the beginning of phase 2, loaded",
         "Rotations from the start (deg)",
         "Tilt and twist of beams and bars (deg)",
