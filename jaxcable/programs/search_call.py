@@ -38,6 +38,7 @@ def run_search(
         like: pytree of arrays or of `jax.ShapeDtypeStruct` in the shapes and dtypes of the result.
         reports: whether the search reports progress.
     """
+    tree: Any
     leaves, tree = jax.tree.flatten(problem)
     is_known = not any(isinstance(x, jax.core.Tracer) for x in leaves)
     if is_known and internals.is_untransformed():

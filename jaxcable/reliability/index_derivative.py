@@ -9,44 +9,52 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.types import Array, Bool, Float, Int, PyTree
+from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
-from .search import Point
+from .exploration import PointRows
 
 
-def attach_derivative(
-    function: Callable[..., Float[Array, " m"]],
-    number: Int[Array, ""],
-    beta: Float[Array, ""],
-    point: Point,
-    numbers: list[Array],
-) -> Float[Array, ""]:
-    """Return `beta` with its derivative by `numbers`, that of the limit state over its slope.
+def with_derivatives_of_indices(
+    function: Callable[..., Float[Array, " m"]], rows: PointRows, numbers: list[Array]
+) -> Float[Array, "m k"]:
+    """Return the indices of design points with their derivatives by `numbers`.
+
+    These are those of the limit states over their slopes. The derivative of an index that is NaN
+    since its search has failed is NaN; one of a row without a point has none.
 
     Args:
         function: function of u and `numbers` that returns all limit states; it is traced once more
             if the derivative is taken.
-        number: number of the limit state.
-        beta: index, NaN if the search has failed; so is its derivative then.
-        point: design point.
+        rows: design points of all limit states, in arrays with leading axes [m, k].
         numbers: list of arrays.
     """
-    beta, point = lax.stop_gradient((beta, point))
+    absent = jnp.isnan(rows.beta) & ~jnp.isnan(rows.beta[:, :1])
+    # there the first point: a NaN would enter the derivatives of others
+    beta, slope = (jnp.where(absent, x[:, :1], x) for x in (rows.beta, rows.slope))
+    u = jnp.where(absent[..., None], rows.u[:, :1], rows.u)
+    m, k, n = u.shape
 
-    def limit_state(parameters):
-        u, number, numbers = parameters
-        return function(u, numbers)[number]
+    def values(parameters):
+        u, numbers = parameters
+        pairs = jnp.repeat(jnp.arange(m), k), u.reshape(m * k, n)
+        return lax.map(lambda pair: function(pair[1], numbers)[pair[0]], pairs).reshape(m, k)
 
-    value = with_deferred_derivative(limit_state, point.value, (point.u, number, numbers))
-    slope = without_derivative(point.slope(), numbers)  # so second derivatives are NaN
-    change = _over_slope(value - lax.stop_gradient(value), slope)
+    known = jnp.zeros_like(beta)  # only their change counts
+    change = with_deferred_derivative(values, known, (jnp.where(jnp.isnan(u), 0.0, u), numbers))
+    slope = without_derivative(slope, numbers)  # so second derivatives are NaN
     failed = jnp.where(jnp.isnan(beta), jnp.nan, 0.0)
-    return _with_tangent(beta, failed, numbers) + change
+    betas = _with_tangent(beta, failed, numbers) + _over_slope(change, slope)
+    return jnp.where(absent, jnp.nan, betas)
 
 
 def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
     """Return a pytree of results of `numbers`, whose derivatives by them are NaN."""
-    return jax.tree.map(lambda leaf: _with_tangent(leaf, jnp.nan, numbers), tree)
+
+    def without(leaf):
+        is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
+        return _with_tangent(leaf, jnp.nan, numbers) if is_float else leaf
+
+    return jax.tree.map(without, tree)
 
 
 def without_derivative_where(
