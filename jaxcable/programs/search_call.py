@@ -38,7 +38,6 @@ def run_search(
         like: pytree of arrays or of `jax.ShapeDtypeStruct` in the shapes and dtypes of the result.
         reports: whether the search reports progress.
     """
-    tree: Any
     leaves, tree = jax.tree.flatten(problem)
     is_known = not any(isinstance(x, jax.core.Tracer) for x in leaves)
     if is_known and internals.is_untransformed():
@@ -51,7 +50,8 @@ def run_search(
         flat, [internals.abstract_argument(x) for x in jax.tree.leaves(like)], reports
     )
     found = _SEARCH.bind(*map(internals.as_operand, leaves), call=own)
-    return jax.tree.structure(like).unflatten(found)
+    shape: Any = jax.tree.structure(like)
+    return shape.unflatten(found)
 
 
 @internals.held_weakly

@@ -123,8 +123,8 @@ def make_outcome(
         misalignment=rows(lambda one: one.estimated_error()),
         slope=rows(lambda one: one.point.slope()),
     )
-    numbers: list[Any] = [np.array(number, np.int32) for number in (code, *counts)]
-    return Outcome(*numbers, last=last, points=found)
+    numbers = (np.array(number, np.int32) for number in (code, *counts))
+    return Outcome._make([*numbers, last, found])
 
 
 class Exploration:
