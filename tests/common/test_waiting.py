@@ -11,7 +11,7 @@ from banks.waiting_programs import PROGRAMS
 SCRIPT = Path(__file__).parents[1] / "banks" / "waiting_programs.py"
 LIMIT = 240  # seconds: what takes 10 on a quiet machine, 25 times as long
 FUSED = "forms", "nets"
-USUAL = "frames_in_threads", "forms"  # one program by `jax.vmap` in threads, one by `jc.batched`
+USUAL = "frames_in_threads", "forms", "searches"  # by `jax.vmap` in threads, by `jc.batched`
 OTHERS = sorted(PROGRAMS.keys() - {"control", *USUAL})
 
 
