@@ -9,7 +9,7 @@ Multiple design points in first and second-order reliability (Structural Safety 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,91 +90,87 @@ class Outcome(NamedTuple):
     points: PointRows
 
 
-def make_outcome(
-    code: int,
-    last: Float[np.ndarray, " n"],
-    most: int,
-    points: Sequence[DesignPoint] = (),
-    counts: tuple[int, int, int] = (0, 0, 0),
-) -> Outcome:
-    """Return the `Outcome` of a search.
-
-    Args:
-        code: status.
-        last: u at the nearest point, or where the last search ended, [n].
-        most: number of rows, k.
-        points: design points, nearest first, at most k.
-        counts: numbers of iterations, evaluations and failures.
-    """
-
-    def rows(of, *shape):
-        array = np.full((most, *shape), np.nan, last.dtype)
-        for k, one in enumerate(points):
-            array[k] = of(one)
-        return array
-
-    n = last.size
-    found = PointRows(
-        u=rows(lambda one: one.point.u, n),
-        alpha=rows(lambda one: one.point.alpha(), n),
-        beta=rows(lambda one: one.point.beta()),
-        curvature=rows(lambda one: one.curvature),
-        distance=rows(lambda one: one.point.distance()),
-        misalignment=rows(lambda one: one.estimated_error()),
-        slope=rows(lambda one: one.point.slope()),
-    )
-    numbers = (np.array(number, np.int32) for number in (code, *counts))
-    return Outcome._make([*numbers, last, found])
-
-
 class Exploration:
     """The search for all design points of a limit state.
 
     Args:
         limit_state: function of u to limit state and gradient.
+        start: u where the first search begins, [n].
         tol: as for `search_from`.
         steps: largest number of accepted steps of each search.
 
     Attributes:
-        found: design points in the order in which they were found.
+        code: status; INVALID_INPUT until it has run.
+        last: u at the nearest point, or where the last search ended, [n].
+        points: design points with an index of the same sign, nearest first.
+        found: all design points in the order in which they were found.
         iterations, evaluations, failures: sums over all searches.
         nearest: least distances from the origin of points that fail (True), and that do not.
     """
 
-    def __init__(self, limit_state: Callable[[Any], tuple[Any, Any]], tol: float, steps: int):
-        self.limit_state, self.tol, self.steps = limit_state, tol, steps
+    def __init__(
+        self,
+        limit_state: Callable[[Any], tuple[Any, Any]],
+        start: Float[np.ndarray, " n"],
+        tol: float,
+        steps: int,
+    ):
+        self.limit_state, self.start, self.tol, self.steps = limit_state, start, tol, steps
+        self.code, self.last = status.INVALID_INPUT, start
+        self.points: list[DesignPoint] = []
         self.found: list[DesignPoint] = []
         self.iterations = self.evaluations = self.failures = 0
         self.nearest = {True: np.inf, False: np.inf}
 
     @np.errstate(all="ignore")
-    def run(self, start: Float[np.ndarray, " n"], most: int) -> Outcome:
-        """Search from a start, then from others, until `most` points are known."""
+    def run(self, most: int) -> None:
+        """Search from the start, then from others, until `most` points are known."""
         ends: list[Any] = []
-        for begin, is_bulged in self._starts(start):
-            ends.append(self._find_point(begin, is_bulged, _FURTHER_TRIALS if ends else np.inf))
+        for start, is_bulged in self._starts():
+            ends.append(self._find_point(start, is_bulged, _FURTHER_TRIALS if ends else np.inf))
             goes_on = self.found or ends[0].code in (status.STATIONARY, status.NOT_NEAREST)
             if not goes_on or len(self.found) == most:
                 break
-        code, last, points = ends[0].code, ends[-1].point.u, []
+        self.code, self.last = ends[0].code, ends[-1].point.u
         if self.found:
             near = sorted(self.found, key=lambda one: one.point.radius())
             first, falls = near[0].point, near[0].point.falls_outward()
-            code = status.NOT_NEAREST  # if another point fails that is nearer
-            if self.nearest[falls] >= (1 - difference_step(start.dtype)) * first.radius():
+            self.code = status.NOT_NEAREST  # if another point fails that is nearer
+            if self.nearest[falls] >= (1 - difference_step(first.u.dtype)) * first.radius():
                 # where it does not fall as there, the failed region ends, seen from the origin
-                points = [one for one in near if one.point.falls_outward() == falls]
-                code, last = status.OK, first.u
-        counts = self.iterations, self.evaluations, self.failures
-        return make_outcome(code, last, most, points, counts)
+                self.points = [one for one in near if one.point.falls_outward() == falls]
+                self.code, self.last = status.OK, first.u
 
-    def _starts(self, start):
+    def outcome(self, rows: int) -> Outcome:
+        """Return the `Outcome` with as many rows of points, one at least."""
+
+        def in_rows(of, *shape):
+            array = np.full((rows, *shape), np.nan, self.last.dtype)
+            for k, one in enumerate(self.points):
+                array[k] = of(one)
+            return array
+
+        n = self.last.size
+        found = PointRows(
+            u=in_rows(lambda one: one.point.u, n),
+            alpha=in_rows(lambda one: one.point.alpha(), n),
+            beta=in_rows(lambda one: one.point.beta()),
+            curvature=in_rows(lambda one: one.curvature),
+            distance=in_rows(lambda one: one.point.distance()),
+            misalignment=in_rows(lambda one: one.estimated_error()),
+            slope=in_rows(lambda one: one.point.slope()),
+        )
+        numbers = self.code, self.iterations, self.evaluations, self.failures
+        counts = (np.array(number, np.int32) for number in numbers)
+        return Outcome._make([*counts, self.last, found])
+
+    def _starts(self):
         """Yield where searches begin, and whether with a bulged surface, until they find nothing.
 
         They begin at the user's start and the origin; opposite to the first point, and beside it on
         either side in the direction in which the surface bends most; then on bulged surfaces.
         """
-        somewhere, aside, inside = _spread_directions(start)
+        start, (somewhere, aside, inside) = self.start, _spread_directions(self.start)
         yield start, False
         if start.any():
             yield np.zeros_like(start), False

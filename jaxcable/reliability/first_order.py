@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.scipy.special import ndtr
 
 from ..analysis.recalled_derivative import without_derivatives
@@ -23,13 +22,9 @@ from ..linear import unbatched
 from ..programs.program_calls import as_program
 from ..programs.search_call import run_search
 from .distributions import Distribution
-from .exploration import Exploration, PointRows, make_outcome
+from .exploration import Exploration
 from .first_order_result import DesignPoints, FirstOrder
-from .index_derivative import (
-    with_derivatives_of_indices,
-    without_derivative,
-    without_derivative_where,
-)
+from .index_derivative import with_derivatives
 from .limit_states import (
     limit_state_vector,
     names_of_outcome,
@@ -125,21 +120,15 @@ def first_order(
     tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
     begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
     task = trace_limit_state(limit_state, quantities, tuple(args)), quantities, tuple(args)
-    names = names_of_outcome(task[0].result)
-    search = functools.partial(_search, names=names, steps=steps, points=points)
     problem = *task, begin, tol
+    search = functools.partial(_search, steps=steps, points=points)
     if is_top_level_call(jax.tree.leaves(problem)):
-        outcome = search(problem)
-        count = np.count_nonzero(~np.isnan(outcome.points.beta), axis=1).max()
-        found_rows = PointRows(*(x[:, : max(count, 1)] for x in outcome.points))
-        return _result(outcome._replace(points=found_rows), quantities, names=names)
-    finish = functools.partial(_finish, names=names)
-    nothing = make_outcome(status.OK, np.zeros(quantities.size, dtype), points)
-    like = jax.eval_shape(finish, _stack([nothing] * _count(names)), quantities)
-    found, rows = run_search(
-        lambda problem: finish(search(problem), problem[1]), without_derivatives(problem), like
-    )
-    return _with_derivatives(found, rows, *task)
+        return search(problem, rows=None)[0]
+    unknown = Exploration(_evaluate, np.zeros(quantities.size, dtype), 0.0, steps)
+    every = [unknown] * _count(task[0])
+    like = jax.eval_shape(functools.partial(_results, every, rows=points), task[0], quantities)
+    search = functools.partial(search, rows=points)
+    return _with_derivatives(*run_search(search, without_derivatives(problem), like), *task)
 
 
 def _vector(limit_state, quantities, args, u):
@@ -158,44 +147,46 @@ def _evaluate(limit_state, number, quantities, args, u):
 
 @as_program
 def _is_valid(quantities, tol):
-    """Return whether the numbers of a task keep their rules."""
+    """Return whether the numbers of a problem keep their rules."""
     return quantities.are_valid() & is_valid_tolerance(tol)
 
 
-def _search(problem, *, names, steps, points):
-    """Search for the design points of all limit states, one after the other: an `Outcome`."""
+def _search(problem, *, steps, points, rows):
+    """Search for the design points of all limit states, one after the other.
+
+    Return the `FirstOrder`, without derivatives, and `PointRows` in as many `rows` as stated; None:
+    as many as there are points.
+    """
     limit_state, quantities, args, begin, tol = problem
     begin, tol = np.asarray(begin), np.asarray(tol)[()]
-    if not _is_valid(quantities, tol):
-        return _stack([make_outcome(status.INVALID_INPUT, begin, points)] * _count(names))
+    is_valid, every = _is_valid(quantities, tol), []
+    for number in range(_count(limit_state)):
 
-    def explore(number):
-        def evaluate(u):
+        def evaluate(u, number=number):
             found = _evaluate(limit_state, np.int32(number), quantities, args, u)
             value, gradient = map(np.asarray, found)
             return value[()], gradient
 
-        outcome = Exploration(evaluate, tol, steps).run(begin, points)
-        if outcome.status == status.BAD_START:
+        every.append(Exploration(evaluate, begin, tol, steps))
+        if is_valid:
+            every[-1].run(points)
+        if every[-1].code == status.BAD_START:
             by_name = [{name: np.zeros(shape)} for name, shape in quantities.layout]
             warn_of_undefined_derivative(*evaluate(begin), params=by_name)
-        return outcome
+    rows = rows or max(1, *(len(one.points) for one in every))
+    return _results(every, limit_state, quantities, rows=rows)
 
-    return _stack([explore(number) for number in range(_count(names))])
 
-
-def _count(names):
+def _count(limit_state):
     """Return the number of limit states."""
-    return 1 if names is None else len(names)
+    return sum(x.size for x in jax.tree.leaves(limit_state.result))
 
 
-def _stack(outcomes):
-    """Return the outcomes of several limit states as one, with a leading axis [m]."""
-    return jax.tree.map(lambda *parts: np.stack(parts), *outcomes)
-
-
-def _finish(outcome, quantities, *, names):
-    """Return the result without derivatives, and the design points to add them."""
+def _results(explorations, limit_state, quantities, *, rows):
+    """Return the `FirstOrder`, without derivatives, and the `PointRows` of all limit states."""
+    outcomes = [one.outcome(rows) for one in explorations]
+    outcome = jax.tree.map(lambda *parts: np.stack(parts), *outcomes)
+    names = names_of_outcome(limit_state.result)
     return _result(outcome, quantities, names=names), outcome.points
 
 
@@ -242,19 +233,4 @@ def _result_of_one(quantities, outcome):
 @as_program
 def _with_derivatives(found, rows, *task):
     """Return a result with the derivatives that it has by the task, and NaN for all others."""
-    numbers, tree = jax.tree.flatten(task)
-
-    def function(u, numbers):
-        return _vector(*tree.unflatten(numbers), u)
-
-    betas = with_derivatives_of_indices(function, rows, numbers).reshape(found.points.beta.shape)
-    several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
-    alone = ndtr(-betas[..., 0])
-    probability = alone + lax.stop_gradient(found.probability - alone)
-    bare = without_derivative(found, numbers)
-    return copy_with(
-        bare,
-        beta=betas[..., 0],
-        probability=without_derivative_where(several, probability, numbers),
-        points=copy_with(bare.points, beta=betas),
-    )
+    return with_derivatives(_vector, found, rows, task)

@@ -8,25 +8,52 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.scipy.special import ndtr
 
-from ..common.types import Array, Bool, Float, PyTree
+from ..common.tree import copy_with
+from ..common.types import Array, Float, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
 from .exploration import PointRows
+from .first_order_result import FirstOrder
+from .systems import rows_without_point
 
 
-def with_derivatives_of_indices(
-    function: Callable[..., Float[Array, " m"]], rows: PointRows, numbers: list[Array]
-) -> Float[Array, "m k"]:
-    """Return the indices of design points with their derivatives by `numbers`.
+def with_derivatives(
+    function: Callable[..., Float[Array, " m"]],
+    found: FirstOrder,
+    rows: PointRows,
+    task: PyTree[Any],
+) -> FirstOrder:
+    """Return a result with the derivatives that it has by the numbers of a task, NaN for others.
 
-    These are those of the limit states over their slopes. The derivative of an index that is NaN
-    since its search has failed is NaN; one of a row without a point has none.
+    These are those of indices, and of the probability where there is one design point. NaN are all
+    those of a limit state whose search has failed.
 
     Args:
-        function: function of u and `numbers` that returns all limit states; it is traced once more
-            if the derivative is taken.
+        function: function of the arrays of `task` and u that returns all limit states; it is traced
+            once more if the derivative is taken.
+        found: result without derivatives.
         rows: design points of all limit states, in arrays with leading axes [m, k].
-        numbers: list of arrays.
+        task: tuple of pytrees.
+    """
+    betas = _indices(function, rows, task).reshape(found.points.beta.shape)
+    several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
+    alone = ndtr(-betas[..., 0])
+    undefined = jnp.where(several, jnp.nan, 0.0)
+    probability = _with_tangent(found.probability, undefined, task)
+    bare = jax.tree.map(lambda leaf: _without_derivative(leaf, task), found)
+    return copy_with(
+        bare,
+        beta=betas[..., 0],
+        probability=probability + (alone - lax.stop_gradient(alone)),
+        points=copy_with(bare.points, beta=betas),
+    )
+
+
+def _indices(function, rows, task):
+    """Return the indices of all design points, [m, k]: derivatives of limit states over slopes.
+
+    The index of a row without a point, beside others with points, is NaN and has no derivative.
     """
     absent = jnp.isnan(rows.beta) & ~jnp.isnan(rows.beta[:, :1])
     # there the first point: a NaN would enter the derivatives of others
@@ -35,35 +62,22 @@ def with_derivatives_of_indices(
     m, k, n = u.shape
 
     def values(parameters):
-        u, numbers = parameters
+        task, u = parameters
         pairs = jnp.repeat(jnp.arange(m), k), u.reshape(m * k, n)
-        return lax.map(lambda pair: function(pair[1], numbers)[pair[0]], pairs).reshape(m, k)
+        return lax.map(lambda pair: function(*task, pair[1])[pair[0]], pairs).reshape(m, k)
 
     known = jnp.zeros_like(beta)  # only their change counts
-    change = with_deferred_derivative(values, known, (jnp.where(jnp.isnan(u), 0.0, u), numbers))
-    slope = without_derivative(slope, numbers)  # so second derivatives are NaN
+    change = with_deferred_derivative(values, known, (task, jnp.where(jnp.isnan(u), 0.0, u)))
+    slope = _without_derivative(slope, task)  # so second derivatives are NaN
     failed = jnp.where(jnp.isnan(beta), jnp.nan, 0.0)
-    betas = _with_tangent(beta, failed, numbers) + _over_slope(change, slope)
+    betas = _with_tangent(beta, failed, task) + _over_slope(change, slope)
     return jnp.where(absent, jnp.nan, betas)
 
 
-def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
-    """Return a pytree of results of `numbers`, whose derivatives by them are NaN."""
-
-    def without(leaf):
-        is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
-        return _with_tangent(leaf, jnp.nan, numbers) if is_float else leaf
-
-    return jax.tree.map(without, tree)
-
-
-def without_derivative_where(
-    condition: Bool[Array, ""], value: Float[Array, ""], numbers: list[Array]
-) -> Float[Array, ""]:
-    """Return a result of `numbers`, whose derivative becomes NaN if the condition holds."""
-    factor = jnp.where(condition, jnp.nan, 0.0)
-    bare = lax.stop_gradient(value)
-    return _with_tangent(bare, factor, numbers) + (value - bare)
+def _without_derivative(leaf, task):
+    """Return a result of a task, whose derivative by it is NaN if it is one of floats."""
+    is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
+    return _with_tangent(leaf, jnp.nan, task) if is_float else leaf
 
 
 @jax.custom_jvp
@@ -79,8 +93,8 @@ def _over_slope_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def _with_tangent(leaf, factor, numbers):
-    """Return `leaf`, whose tangent is `factor` times the sum of those of all floats."""
+def _with_tangent(leaf, factor, task):
+    """Return `leaf`, whose tangent is `factor` times the sum of those of all floats of a task."""
     return leaf
 
 
@@ -88,6 +102,6 @@ def _with_tangent(leaf, factor, numbers):
 def _with_tangent_jvp(primals, tangents):
     """Rule of `_with_tangent`."""
     leaf, factor, _ = primals
-    floats = [t for t in tangents[2] if jnp.issubdtype(t.dtype, jnp.floating)]
+    floats = [t for t in jax.tree.leaves(tangents[2]) if jnp.issubdtype(t.dtype, jnp.floating)]
     total = sum((jnp.sum(t) for t in floats), jnp.zeros(()))
     return _with_tangent(*primals), jnp.full_like(leaf, 1.0) * factor * total
