@@ -39,7 +39,7 @@ def smallest_curvature(
     """
     u, alpha, step = point.u, point.alpha(), difference_step(point.u.dtype)
     if u.size == 1:
-        return 1.0, np.zeros_like(u)
+        return u.dtype.type(1.0), np.zeros_like(u)
     # the first direction is no particular one
     rest = np.random.default_rng(2).standard_normal(u.size).astype(u.dtype)
     rest -= (alpha @ rest) * alpha
@@ -50,7 +50,7 @@ def smallest_curvature(
         change = (probe.gradient - point.gradient) / step
         image = vector + (point.beta() / point.slope()) * (change - (alpha @ change) * alpha)
         if not (probe.is_finite() and np.isfinite(image).all()):
-            return np.nan, np.zeros_like(u)
+            return u.dtype.type(np.nan), np.zeros_like(u)
         vectors, images = np.vstack([vectors, vector]), np.vstack([images, image])
         products = vectors @ images.T
         values, columns = np.linalg.eigh((products + products.T) / 2)

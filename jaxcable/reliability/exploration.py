@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..common import status
@@ -51,43 +52,27 @@ class DesignPoint(NamedTuple):
         tolerance of the direction: `FirstOrder.curvature` has the value itself, and shows where it
         is so. Above 1 the misalignment is the larger error already.
         """
-        known = 1.0 if np.isnan(self.curvature) else self.curvature
-        return min(max(known, _LEAST_CURVATURE), 1.0)
-
-
-class PointRows(NamedTuple):
-    """Design points in rows of an axis [k], nearest first; NaN for those not found.
-
-    Attributes:
-        u, alpha: places, and unit vectors along which the limit state falls, [k, n].
-        beta, curvature, distance, misalignment: as of `FirstOrder`, [k].
-        slope: lengths of the gradients, [k].
-    """
-
-    u: Float[np.ndarray, "*m k n"]
-    alpha: Float[np.ndarray, "*m k n"]
-    beta: Float[np.ndarray, "*m k"]
-    curvature: Float[np.ndarray, "*m k"]
-    distance: Float[np.ndarray, "*m k"]
-    misalignment: Float[np.ndarray, "*m k"]
-    slope: Float[np.ndarray, "*m k"]
+        return min(max(np.nan_to_num(self.curvature, nan=1.0), _LEAST_CURVATURE), 1.0)
 
 
 class Outcome(NamedTuple):
     """What is known of a limit state after the search for all its design points.
 
     Attributes:
-        status, iterations, evaluations, failures: as of `FirstOrder`.
+        status, iterations, evaluations, failures, distance, misalignment: as of `FirstOrder`.
         last: u at the nearest point, or where the last search ended, [n].
-        points: `PointRows`.
+        points: `DesignPoint` of arrays with a leading axis [k], nearest first; NaN where there are
+            fewer.
     """
 
     status: Int[np.ndarray, " *m"]
     iterations: Int[np.ndarray, " *m"]
     evaluations: Int[np.ndarray, " *m"]
     failures: Int[np.ndarray, " *m"]
+    distance: Float[np.ndarray, " *m"]
+    misalignment: Float[np.ndarray, " *m"]
     last: Float[np.ndarray, "*m n"]
-    points: PointRows
+    points: DesignPoint
 
 
 class Exploration:
@@ -144,25 +129,17 @@ class Exploration:
     def outcome(self, rows: int) -> Outcome:
         """Return the `Outcome` with as many rows of points, one at least."""
 
-        def in_rows(of, *shape):
-            array = np.full((rows, *shape), np.nan, self.last.dtype)
-            for k, one in enumerate(self.points):
-                array[k] = of(one)
-            return array
-
-        n = self.last.size
-        found = PointRows(
-            u=in_rows(lambda one: one.point.u, n),
-            alpha=in_rows(lambda one: one.point.alpha(), n),
-            beta=in_rows(lambda one: one.point.beta()),
-            curvature=in_rows(lambda one: one.curvature),
-            distance=in_rows(lambda one: one.point.distance()),
-            misalignment=in_rows(lambda one: one.estimated_error()),
-            slope=in_rows(lambda one: one.point.slope()),
-        )
+        vector, number = np.full_like(self.start, np.nan), self.start.dtype.type(np.nan)
+        none = DesignPoint(Point(vector, number, vector), number, vector)
+        nearest, *_ = every = (self.points + [none] * rows)[:rows]
         numbers = self.code, self.iterations, self.evaluations, self.failures
-        counts = (np.array(number, np.int32) for number in numbers)
-        return Outcome._make([*counts, self.last, found])
+        return Outcome._make(
+            [
+                *(np.array(number, np.int32) for number in numbers),
+                *(nearest.point.distance(), nearest.estimated_error(), self.last),
+                jax.tree.map(lambda *parts: np.stack(parts), *every),
+            ]
+        )
 
     def _starts(self):
         """Yield where searches begin, and whether with a bulged surface, until they find nothing.

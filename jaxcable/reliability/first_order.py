@@ -32,6 +32,7 @@ from .limit_states import (
     trace_limit_state,
 )
 from .quantities import Quantities, as_quantities, split_by_name
+from .search import Point
 from .systems import NEVER, rows_without_point, union_bounds
 
 _TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
@@ -154,8 +155,8 @@ def _is_valid(quantities, tol):
 def _search(problem, *, steps, points, rows):
     """Search for the design points of all limit states, one after the other.
 
-    Return the `FirstOrder`, without derivatives, and `PointRows` in as many `rows` as stated; None:
-    as many as there are points.
+    Return the `FirstOrder`, without derivatives, and the `Point` of every design point, in as many
+    `rows` as stated; None: as many as there are points.
     """
     limit_state, quantities, args, begin, tol = problem
     begin, tol = np.asarray(begin), np.asarray(tol)[()]
@@ -183,11 +184,11 @@ def _count(limit_state):
 
 
 def _results(explorations, limit_state, quantities, *, rows):
-    """Return the `FirstOrder`, without derivatives, and the `PointRows` of all limit states."""
+    """Return the `FirstOrder`, without derivatives, and the `Point` of every design point."""
     outcomes = [one.outcome(rows) for one in explorations]
     outcome = jax.tree.map(lambda *parts: np.stack(parts), *outcomes)
     names = names_of_outcome(limit_state.result)
-    return _result(outcome, quantities, names=names), outcome.points
+    return _result(outcome, quantities, names=names), outcome.points.point
 
 
 @functools.partial(as_program, static=("names",))
@@ -202,28 +203,25 @@ def _result(outcome, quantities, *, names):
 def _result_of_one(quantities, outcome):
     """Return the `FirstOrder`, without derivatives, of one limit state."""
     layout, factor = quantities.layout, quantities.factor()
-    rows = outcome.points
-    importance = rows.alpha[0]
+    points = outcome.points
+    alphas, betas = (jax.vmap(of)(points.point) for of in (Point.alpha, Point.beta))
+    importance = alphas[0]
     if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
         importance = unbatched.solve_triangular(factor, importance, transposed=True)
         importance = importance / jnp.sqrt(jnp.sum(importance**2))
-    absent = rows_without_point(rows.beta)
-    betas, alphas = jnp.where(absent, NEVER, rows.beta), jnp.where(absent[:, None], 0.0, rows.alpha)
+    absent = rows_without_point(betas)
+    system = union_bounds(jnp.where(absent, NEVER, betas), jnp.where(absent[:, None], 0.0, alphas))
     several = jnp.sum(~absent) > 1
     every = DesignPoints(
-        rows.beta,
-        rows.curvature,
-        jax.vmap(quantities.values_at)(rows.u),
-        *(split_by_name(layout, x) for x in (rows.u, rows.alpha)),
+        *(betas, points.curvature, jax.vmap(quantities.values_at)(points.point.u)),
+        *(split_by_name(layout, x) for x in (points.point.u, alphas)),
     )
     nearest = jax.tree.map(lambda leaf: leaf[0], every)
     return FirstOrder(
-        *(outcome.status, nearest.beta),
-        jnp.where(several, union_bounds(betas, alphas).high, ndtr(-nearest.beta)),
-        *(nearest.design_point, nearest.u, nearest.alpha),
-        split_by_name(layout, importance),
+        *(outcome.status, nearest.beta, jnp.where(several, system.high, ndtr(-nearest.beta))),
+        *(nearest.design_point, nearest.u, nearest.alpha, split_by_name(layout, importance)),
         *(outcome.iterations, outcome.evaluations, outcome.failures),
-        *(rows.distance[0], rows.misalignment[0], nearest.curvature),
+        *(outcome.distance, outcome.misalignment, nearest.curvature),
         *(every, quantities.values_at(outcome.last)),
         limit_states=None,
         layout=layout,
@@ -231,6 +229,6 @@ def _result_of_one(quantities, outcome):
 
 
 @as_program
-def _with_derivatives(found, rows, *task):
+def _with_derivatives(found, points, *task):
     """Return a result with the derivatives that it has by the task, and NaN for all others."""
-    return with_derivatives(_vector, found, rows, task)
+    return with_derivatives(_vector, found, points, task)

@@ -13,15 +13,15 @@ from jax.scipy.special import ndtr
 from ..common.tree import copy_with
 from ..common.types import Array, Float, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
-from .exploration import PointRows
 from .first_order_result import FirstOrder
+from .search import Point
 from .systems import rows_without_point
 
 
 def with_derivatives(
     function: Callable[..., Float[Array, " m"]],
     found: FirstOrder,
-    rows: PointRows,
+    points: Point,
     task: PyTree[Any],
 ) -> FirstOrder:
     """Return a result with the derivatives that it has by the numbers of a task, NaN for others.
@@ -33,10 +33,11 @@ def with_derivatives(
         function: function of the arrays of `task` and u that returns all limit states; it is traced
             once more if the derivative is taken.
         found: result without derivatives.
-        rows: design points of all limit states, in arrays with leading axes [m, k].
+        points: design points of all limit states, in arrays with leading axes [m, k].
         task: tuple of pytrees.
     """
-    betas = _indices(function, rows, task).reshape(found.points.beta.shape)
+    betas = found.points.beta
+    betas = _indices(function, betas.reshape(points.value.shape), points, task).reshape(betas.shape)
     several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
     alone = ndtr(-betas[..., 0])
     undefined = jnp.where(several, jnp.nan, 0.0)
@@ -50,15 +51,17 @@ def with_derivatives(
     )
 
 
-def _indices(function, rows, task):
+def _indices(function, betas, points, task):
     """Return the indices of all design points, [m, k]: derivatives of limit states over slopes.
 
     The index of a row without a point, beside others with points, is NaN and has no derivative.
     """
-    absent = jnp.isnan(rows.beta) & ~jnp.isnan(rows.beta[:, :1])
+    absent = jnp.isnan(betas) & ~jnp.isnan(betas[:, :1])
     # there the first point: a NaN would enter the derivatives of others
-    beta, slope = (jnp.where(absent, x[:, :1], x) for x in (rows.beta, rows.slope))
-    u = jnp.where(absent[..., None], rows.u[:, :1], rows.u)
+    beta, slope = (
+        jnp.where(absent, x[:, :1], x) for x in (betas, jnp.linalg.norm(points.gradient, axis=-1))
+    )
+    u = jnp.where(absent[..., None], points.u[:, :1], points.u)
     m, k, n = u.shape
 
     def values(parameters):

@@ -24,6 +24,8 @@ _APART = 0.05  # least distance of two design points, over that from the origin 
 class Point(NamedTuple):
     """A point in standard normal space, with what is known there.
 
+    Also of traced arrays, except for comparisons.
+
     Attributes:
         u: standard normal values.
         value, gradient: limit state and its derivative by u.
@@ -153,4 +155,4 @@ def _is_accepted(trial, point, length, tol):
 
 def _norm(vector):
     """Return the length of a vector."""
-    return np.sqrt(vector @ vector)
+    return (vector @ vector) ** 0.5
