@@ -9,22 +9,22 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.scipy.special import ndtr
 
+from ..analysis.recalled_derivative import without_derivatives
 from ..common import checks, status
-from ..common.jax_internals import convert_closure
+from ..common.compilation import is_top_level_call
 from ..common.tree import copy_with
 from ..common.types import ArrayLike, Float
 from ..design.arguments import check_tolerance, is_valid_tolerance
-from ..design.search_loop import is_plain_call, search_in_program, search_on_host
+from ..design.no_derivative import warn_of_undefined_derivative
 from ..linear import unbatched
-from ..programs.known import KnownPrograms
 from ..programs.program_calls import as_program
+from ..programs.search_call import run_search
 from .distributions import Distribution
-from .exploration import advance_exploration, begin_exploration, estimated_error
+from .exploration import Exploration
 from .first_order_result import DesignPoints, FirstOrder
-from .index_derivative import attach_derivative, without_derivative, without_derivative_where
+from .index_derivative import with_derivatives
 from .limit_states import (
     limit_state_vector,
     names_of_outcome,
@@ -87,8 +87,9 @@ def first_order(
         theorem); so are those of ``points.beta``. The derivative of `probability` is NaN if there
         are several design points. The other results, and second derivatives, have NaN.
 
-    Called from Python, every trial point is a program of one limit state and its gradient; under
-    jit, vmap or a derivative the whole search is a part of the program.
+    The search is a loop in Python, in which every trial point is a program of one limit state and
+    its gradient. Within `jax.jit` the compiled program calls it: its cases under `jax.vmap` are
+    searched one after the other, and NumPy evaluates the limit state.
 
     Raises:
         ValueError: no function, quantities that are none, or a limit state that returns something
@@ -119,13 +120,16 @@ def first_order(
     tol = check_tolerance(tol, _TOLERANCE[str(dtype)])
     tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
     begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
-    task = quantities, tuple(args), begin
-    traced = trace_limit_state(limit_state, quantities, tuple(args))
-    if is_plain_call((traced, *task, tol)):
-        return _search_on_host(traced, *task, tol, steps, points)
-    key = traced.equations, steps, points
-    within = _within_program.find(key, lambda: _make_traced_search(steps, points))
-    return within(traced, *task, tol)
+    task = trace_limit_state(limit_state, quantities, tuple(args)), quantities, tuple(args)
+    problem = *task, begin, tol
+    search = functools.partial(_search, steps=steps, points=points)
+    if is_top_level_call(jax.tree.leaves(problem)):
+        return search(problem, rows=None)[0]
+    unknown = Exploration(_evaluate, np.zeros(quantities.size, dtype), 0.0, steps)
+    every = [unknown] * _count(task[0])
+    like = jax.eval_shape(functools.partial(_results, every, rows=points), task[0], quantities)
+    search = functools.partial(search, rows=points)
+    return _with_derivatives(*run_search(search, without_derivatives(problem), like), *task)
 
 
 def _vector(limit_state, quantities, args, u):
@@ -142,119 +146,65 @@ def _evaluate(limit_state, number, quantities, args, u):
     return jax.value_and_grad(lambda u: _vector(limit_state, quantities, args, u)[number])(u)
 
 
-def _search_on_host(limit_state, quantities, args, begin, tol, steps, points):
-    """Search in Python, one limit state after the other."""
-    start = _initial_state(quantities, begin, tol, points=points)
-    names, results = names_of_outcome(limit_state.result), []
-    by_name = [{name: np.zeros(shape)} for name, shape in quantities.layout]
-    advance = functools.partial(_advance, tol=tol, steps=steps)
-    for number in range(1 if names is None else len(names)):
-
-        def evaluate(state, number=number):
-            return _evaluate(limit_state, np.int32(number), quantities, args, state.trial)
-
-        end = search_on_host(evaluate, advance, start, params=by_name)
-        results.append(_result(end, quantities))
-    found = results[0]
-    if names is not None:
-        found = jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *results)
-    count = max(int((~np.isnan(found.points.beta)).sum(axis=-1).max()), 1)
-    axis = 0 if names is None else 1
-    used = jax.tree.map(lambda leaf: leaf[(slice(None),) * axis + (slice(count),)], found.points)
-    return copy_with(found, points=used, limit_states=names)
-
-
-@functools.partial(as_program, static=("points",))
-def _initial_state(quantities, begin, tol, *, points):
-    """Return the state before a search."""
-    return begin_exploration(begin, quantities.are_valid() & is_valid_tolerance(tol), points)
-
-
-def _advance(state, found, tol, steps):
-    """Return the next state of a search, by what is `found`: limit state and gradient."""
-    return _advance_program(state, *found, tol, steps=steps)
-
-
-_advance_program = as_program(advance_exploration, static=("steps",))
-
-
-def _make_traced_search(steps, points):
-    """Return `first_order` as a part of another program; the limit state is a `TracedFunction`."""
-
-    def run(limit_state, quantities, args, begin, tol):
-        names = names_of_outcome(limit_state.result)
-        # `numbers` are all that has a part in it but u: quantities, args, captured variables
-        function, numbers = convert_closure(
-            lambda u: _vector(limit_state, quantities, args, u), begin
-        )
-        numbers = [jnp.asarray(number) for number in numbers]
-        held = lax.stop_gradient(numbers)
-        own, start, within = lax.stop_gradient((quantities, begin, tol))
-
-        def search(number):
-            def evaluate(state):
-                return jax.value_and_grad(lambda u: function(u, held)[number])(state.trial)
-
-            advance = functools.partial(_advance, tol=within, steps=steps)
-            state = search_in_program(
-                evaluate, advance, _initial_state(own, start, within, points=points)
-            )
-            return _result(state, own), state.found.by_distance()[0]
-
-        each = jnp.arange(1 if names is None else len(names))
-        found, near = jax.vmap(search)(each)
-        betas = _with_own_derivatives(function, each, found, near, numbers)
-        found = jax.vmap(functools.partial(_with_derivatives, numbers=numbers))(found, betas)
-        if names is None:
-            found = jax.tree.map(lambda leaf: leaf[0], found)
-        return copy_with(found, limit_states=names)
-
-    return jax.jit(run)
-
-
-def _with_own_derivatives(function, each, found, near, numbers):
-    """Return the indices of all design points of all limit states, [m, k], with derivatives."""
-    absent = jnp.isnan(found.points.beta) & ~jnp.isnan(found.beta[:, None])
-    # rows that repeat the first point: a NaN there would enter the derivatives of others
-    betas = jnp.where(absent, found.beta[:, None], found.points.beta)
-    m, k = betas.shape
-    flat = Point(*(array.reshape(m * k, *array.shape[2:]) for array in near))
-    attach = functools.partial(attach_derivative, function, numbers=numbers)
-    attached = jax.vmap(lambda *row: attach(*row))(jnp.repeat(each, k), betas.ravel(), flat)
-    return jnp.where(absent, jnp.nan, attached.reshape(m, k))
-
-
-def _with_derivatives(found, betas, *, numbers):
-    """Return a result with the derivatives that it has, by `betas`, and NaN for all others."""
-    several = jnp.sum(~rows_without_point(betas)) > 1
-    alone = ndtr(-betas[0])
-    probability = alone + lax.stop_gradient(found.probability - alone)
-    bare = jax.tree.map(
-        lambda leaf: (
-            without_derivative(leaf, numbers) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf
-        ),
-        found,
-    )
-    return copy_with(
-        bare,
-        beta=betas[0],
-        probability=without_derivative_where(several, probability, numbers),
-        points=copy_with(bare.points, beta=betas),
-    )
-
-
 @as_program
-def _result(state, quantities):
-    """Return the `FirstOrder`, without derivatives, of a search that has ended."""
+def _is_valid(quantities, tol):
+    """Return whether the numbers of a problem keep their rules."""
+    return quantities.are_valid() & is_valid_tolerance(tol)
+
+
+def _search(problem, *, steps, points, rows):
+    """Search for the design points of all limit states, one after the other.
+
+    Return the `FirstOrder`, without derivatives, and the `Point` of every design point, in as many
+    `rows` as stated; None: as many as there are points.
+    """
+    limit_state, quantities, args, begin, tol = problem
+    begin, tol = np.asarray(begin), np.asarray(tol)[()]
+    is_valid, every = _is_valid(quantities, tol), []
+    for number in range(_count(limit_state)):
+
+        def evaluate(u, number=number):
+            found = _evaluate(limit_state, np.int32(number), quantities, args, u)
+            value, gradient = map(np.asarray, found)
+            return value[()], gradient
+
+        every.append(Exploration(evaluate, begin, tol, steps))
+        if is_valid:
+            every[-1].run(points)
+        if every[-1].code == status.BAD_START:
+            by_name = [{name: np.zeros(shape)} for name, shape in quantities.layout]
+            warn_of_undefined_derivative(*evaluate(begin), params=by_name)
+    rows = rows or max(1, *(len(one.points) for one in every))
+    return _results(every, limit_state, quantities, rows=rows)
+
+
+def _count(limit_state):
+    """Return the number of limit states."""
+    return sum(x.size for x in jax.tree.leaves(limit_state.result))
+
+
+def _results(explorations, limit_state, quantities, *, rows):
+    """Return the `FirstOrder`, without derivatives, and the `Point` of every design point."""
+    outcomes = [one.outcome(rows) for one in explorations]
+    outcome = jax.tree.map(lambda *parts: np.stack(parts), *outcomes)
+    names = names_of_outcome(limit_state.result)
+    return _result(outcome, quantities, names=names), outcome.points.point
+
+
+@functools.partial(as_program, static=("names",))
+def _result(outcome, quantities, *, names):
+    """Return the `FirstOrder`, without derivatives, of an `Outcome` with a leading axis [m]."""
+    found = jax.vmap(functools.partial(_result_of_one, quantities))(outcome)
+    if names is None:
+        found = jax.tree.map(lambda leaf: leaf[0], found)
+    return copy_with(found, limit_states=names)
+
+
+def _result_of_one(quantities, outcome):
+    """Return the `FirstOrder`, without derivatives, of one limit state."""
     layout, factor = quantities.layout, quantities.factor()
-    near, curvature, count = state.found.by_distance()
-    good = state.code == status.OK
-    found = good & (np.arange(len(curvature)) < count)
-    alphas = jax.vmap(Point.alpha)(near)
-    betas = jnp.where(found, jax.vmap(Point.beta)(near), jnp.nan)
-    u, alphas = (jnp.where(found[:, None], x, jnp.nan) for x in (near.u, alphas))
-    curvature = jnp.where(found, curvature, jnp.nan)
-    first = Point(near.u[0], near.value[0], near.gradient[0])
+    points = outcome.points
+    alphas, betas = (jax.vmap(of)(points.point) for of in (Point.alpha, Point.beta))
     importance = alphas[0]
     if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
         importance = unbatched.solve_triangular(factor, importance, transposed=True)
@@ -262,27 +212,23 @@ def _result(state, quantities):
     absent = rows_without_point(betas)
     system = union_bounds(jnp.where(absent, NEVER, betas), jnp.where(absent[:, None], 0.0, alphas))
     several = jnp.sum(~absent) > 1
-    far = [
-        jnp.where(good, x, jnp.nan)
-        for x in (first.distance(), estimated_error(first, curvature[0]))
-    ]
-    last = quantities.values_at(jnp.where(good, first.u, state.search.point.u))
     every = DesignPoints(
-        betas,
-        curvature,
-        jax.vmap(quantities.values_at)(u),
-        *(split_by_name(layout, x) for x in (u, alphas)),
+        *(betas, points.curvature, jax.vmap(quantities.values_at)(points.point.u)),
+        *(split_by_name(layout, x) for x in (points.point.u, alphas)),
     )
     nearest = jax.tree.map(lambda leaf: leaf[0], every)
     return FirstOrder(
-        *(state.code, nearest.beta, jnp.where(several, system.high, ndtr(-nearest.beta))),
-        *(nearest.design_point, nearest.u, nearest.alpha),
-        split_by_name(layout, importance),
-        *(state.iterations, state.evaluations, state.failures),
-        *(*far, nearest.curvature, every, last),
+        *(outcome.status, nearest.beta, jnp.where(several, system.high, ndtr(-nearest.beta))),
+        *(nearest.design_point, nearest.u, nearest.alpha, split_by_name(layout, importance)),
+        *(outcome.iterations, outcome.evaluations, outcome.failures),
+        *(outcome.distance, outcome.misalignment, nearest.curvature),
+        *(every, quantities.values_at(outcome.last)),
         limit_states=None,
         layout=layout,
     )
 
 
-_within_program = KnownPrograms()
+@as_program
+def _with_derivatives(found, points, *task):
+    """Return a result with the derivatives that it has by the task, and NaN for all others."""
+    return with_derivatives(_vector, found, points, task)

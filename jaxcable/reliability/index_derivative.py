@@ -8,54 +8,79 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.scipy.special import ndtr
 
-from ..common.types import Array, Bool, Float, Int, PyTree
+from ..common.tree import copy_with
+from ..common.types import Array, Float, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
+from .first_order_result import FirstOrder
 from .search import Point
+from .systems import rows_without_point
 
 
-def attach_derivative(
+def with_derivatives(
     function: Callable[..., Float[Array, " m"]],
-    number: Int[Array, ""],
-    beta: Float[Array, ""],
-    point: Point,
-    numbers: list[Array],
-) -> Float[Array, ""]:
-    """Return `beta` with its derivative by `numbers`, that of the limit state over its slope.
+    found: FirstOrder,
+    points: Point,
+    task: PyTree[Any],
+) -> FirstOrder:
+    """Return a result with the derivatives that it has by the numbers of a task, NaN for others.
+
+    These are those of indices, and of the probability where there is one design point. NaN are all
+    those of a limit state whose search has failed.
 
     Args:
-        function: function of u and `numbers` that returns all limit states; it is traced once more
-            if the derivative is taken.
-        number: number of the limit state.
-        beta: index, NaN if the search has failed; so is its derivative then.
-        point: design point.
-        numbers: list of arrays.
+        function: function of the arrays of `task` and u that returns all limit states; it is traced
+            once more if the derivative is taken.
+        found: result without derivatives.
+        points: design points of all limit states, in arrays with leading axes [m, k].
+        task: tuple of pytrees.
     """
-    beta, point = lax.stop_gradient((beta, point))
+    betas = found.points.beta
+    betas = _indices(function, betas.reshape(points.value.shape), points, task).reshape(betas.shape)
+    several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
+    alone = ndtr(-betas[..., 0])
+    undefined = jnp.where(several, jnp.nan, 0.0)
+    probability = _with_tangent(found.probability, undefined, task)
+    bare = jax.tree.map(lambda leaf: _without_derivative(leaf, task), found)
+    return copy_with(
+        bare,
+        beta=betas[..., 0],
+        probability=probability + (alone - lax.stop_gradient(alone)),
+        points=copy_with(bare.points, beta=betas),
+    )
 
-    def limit_state(parameters):
-        u, number, numbers = parameters
-        return function(u, numbers)[number]
 
-    value = with_deferred_derivative(limit_state, point.value, (point.u, number, numbers))
-    slope = without_derivative(point.slope(), numbers)  # so second derivatives are NaN
-    change = _over_slope(value - lax.stop_gradient(value), slope)
+def _indices(function, betas, points, task):
+    """Return the indices of all design points, [m, k]: derivatives of limit states over slopes.
+
+    The index of a row without a point, beside others with points, is NaN and has no derivative.
+    """
+    absent = jnp.isnan(betas) & ~jnp.isnan(betas[:, :1])
+    # there the first point: a NaN would enter the derivatives of others
+    beta, slope = (
+        jnp.where(absent, x[:, :1], x) for x in (betas, jnp.linalg.norm(points.gradient, axis=-1))
+    )
+    u = jnp.where(absent[..., None], points.u[:, :1], points.u)
+    m, k, n = u.shape
+
+    def values(parameters):
+        task, u = parameters
+        pairs = jnp.repeat(jnp.arange(m), k), u.reshape(m * k, n)
+        return lax.map(lambda pair: function(*task, pair[1])[pair[0]], pairs).reshape(m, k)
+
+    known = jnp.zeros_like(beta)  # only their change counts
+    change = with_deferred_derivative(values, known, (task, jnp.where(jnp.isnan(u), 0.0, u)))
+    slope = _without_derivative(slope, task)  # so second derivatives are NaN
     failed = jnp.where(jnp.isnan(beta), jnp.nan, 0.0)
-    return _with_tangent(beta, failed, numbers) + change
+    betas = _with_tangent(beta, failed, task) + _over_slope(change, slope)
+    return jnp.where(absent, jnp.nan, betas)
 
 
-def without_derivative(tree: PyTree[Any], numbers: list[Array]) -> PyTree[Any]:
-    """Return a pytree of results of `numbers`, whose derivatives by them are NaN."""
-    return jax.tree.map(lambda leaf: _with_tangent(leaf, jnp.nan, numbers), tree)
-
-
-def without_derivative_where(
-    condition: Bool[Array, ""], value: Float[Array, ""], numbers: list[Array]
-) -> Float[Array, ""]:
-    """Return a result of `numbers`, whose derivative becomes NaN if the condition holds."""
-    factor = jnp.where(condition, jnp.nan, 0.0)
-    bare = lax.stop_gradient(value)
-    return _with_tangent(bare, factor, numbers) + (value - bare)
+def _without_derivative(leaf, task):
+    """Return a result of a task, whose derivative by it is NaN if it is one of floats."""
+    is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
+    return _with_tangent(leaf, jnp.nan, task) if is_float else leaf
 
 
 @jax.custom_jvp
@@ -71,8 +96,8 @@ def _over_slope_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def _with_tangent(leaf, factor, numbers):
-    """Return `leaf`, whose tangent is `factor` times the sum of those of all floats."""
+def _with_tangent(leaf, factor, task):
+    """Return `leaf`, whose tangent is `factor` times the sum of those of all floats of a task."""
     return leaf
 
 
@@ -80,6 +105,6 @@ def _with_tangent(leaf, factor, numbers):
 def _with_tangent_jvp(primals, tangents):
     """Rule of `_with_tangent`."""
     leaf, factor, _ = primals
-    floats = [t for t in tangents[2] if jnp.issubdtype(t.dtype, jnp.floating)]
+    floats = [t for t in jax.tree.leaves(tangents[2]) if jnp.issubdtype(t.dtype, jnp.floating)]
     total = sum((jnp.sum(t) for t in floats), jnp.zeros(()))
     return _with_tangent(*primals), jnp.full_like(leaf, 1.0) * factor * total

@@ -7,168 +7,152 @@ where the limit state is smooth.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import numpy as np
 
 from ..common import status
-from ..common.tree import select_tree
-from ..common.types import Array, Bool, Float, Int
+from ..common.types import Float
 
 _SUFFICIENT = 0.1  # part of the promised decrease of the merit that a step must bring
 _PENALTY = 2.0  # over the least penalty with which the direction is one of descent
 _SHORTEST = 2.0**-20  # step, of the full one
+_APART = 0.05  # least distance of two design points, over that from the origin (at least 1)
 
 
 class Point(NamedTuple):
     """A point in standard normal space, with what is known there.
+
+    Also of traced arrays, except for comparisons.
 
     Attributes:
         u: standard normal values.
         value, gradient: limit state and its derivative by u.
     """
 
-    u: Float[Array, " n"]
-    value: Float[Array, ""]
-    gradient: Float[Array, " n"]
+    u: Float[np.ndarray, " n"]
+    value: Any
+    gradient: Float[np.ndarray, " n"]
 
-    def slope(self) -> Float[Array, ""]:
+    def is_finite(self) -> bool:
+        """Return whether limit state and gradient are finite."""
+        return bool(np.isfinite(self.value) and np.isfinite(self.gradient).all())
+
+    def radius(self) -> float:
+        """Return the distance from the origin."""
+        return _norm(self.u)
+
+    def scale(self) -> float:
+        """Return the distance from the origin, at least 1, of which tolerances are parts."""
+        return max(_norm(self.u), 1.0)
+
+    def slope(self) -> float:
         """Return the length of the gradient."""
-        return jnp.sqrt(jnp.sum(self.gradient**2))
+        return _norm(self.gradient)
 
-    def alpha(self) -> Float[Array, " n"]:
+    def alpha(self) -> Float[np.ndarray, " n"]:
         """Return the unit vector along which the limit state falls."""
         return -self.gradient / self.slope()
 
-    def beta(self) -> Float[Array, ""]:
+    def beta(self) -> float:
         """Return the distance of the linearized surface, negative if the origin fails."""
         return self.alpha() @ self.u + self.value / self.slope()
 
-    def distance(self) -> Float[Array, ""]:
+    def distance(self) -> float:
         """Return the distance to the surface, to first order."""
-        return jnp.abs(self.value) / self.slope()
+        return abs(self.value) / self.slope()
 
-    def misalignment(self) -> Float[Array, ""]:
+    def misalignment(self) -> float:
         """Return the length of the part of u that is not along the gradient."""
-        alpha = self.alpha()
-        return jnp.sqrt(jnp.sum((self.u - (alpha @ self.u) * alpha) ** 2))
+        return _norm(self.u - (self.alpha() @ self.u) * self.alpha())
+
+    def falls_outward(self) -> bool:
+        """Return whether the limit state falls away from the origin."""
+        return bool(self.gradient @ self.u < 0)
+
+    def is_near(self, others: Sequence[Point]) -> bool:
+        """Return whether it is the same design point as one of others, to within 5 %."""
+        return any(_norm(self.u - other.u) < _APART * self.scale() for other in others)
 
 
-class SearchState(NamedTuple):
-    """State of the search.
+class SearchEnd(NamedTuple):
+    """The end of a search.
 
     Attributes:
         point: last accepted point.
-        step: full step from there.
-        length: part of it that is tried next; zero at the start, where nothing is known yet.
-        penalty: factor of the absolute limit state in the merit.
-        iterations, evaluations, failures: accepted steps; evaluations of the limit state; those
-            among them that were NaN or infinite.
-        code: status; below zero while the search goes on.
-        running: whether it goes on.
+        code: status; OUT_OF_STEPS also if it has come to a known point.
+        iterations, evaluations: accepted steps, and evaluations with that of the start.
     """
 
     point: Point
-    step: Float[Array, " n"]
-    length: Float[Array, ""]
-    penalty: Float[Array, ""]
-    iterations: Int[Array, ""]
-    evaluations: Int[Array, ""]
-    failures: Int[Array, ""]
-    code: Int[Array, ""]
-    running: Bool[Array, ""]
-
-    def trial(self) -> Float[Array, " n"]:
-        """Return the point that is evaluated next."""
-        return self.point.u + self.length * self.step
+    code: int
+    iterations: int
+    evaluations: int
 
 
-_RUNNING = -1  # no status
-
-
-def begin_search(start: Float[Array, " n"], valid: Bool[Array, ""]) -> SearchState:
-    """Return the state before the first evaluation.
-
-    Args:
-        start: where the search begins, [n].
-        valid: whether the numbers of the task keep their rules.
-    """
-    unknown = jnp.full((), jnp.nan, start.dtype)
-    zero, count = jnp.zeros((), start.dtype), jnp.zeros((), jnp.int32)
-    return SearchState(
-        Point(start, unknown, jnp.full_like(start, jnp.nan)),
-        jnp.zeros_like(start),
-        *(zero, zero, count, count, count),
-        jnp.where(valid, _RUNNING, status.INVALID_INPUT).astype(jnp.int32),
-        jnp.asarray(valid),
-    )
-
-
-def advance_search(
-    state: SearchState,
-    value: Float[Array, ""],
-    gradient: Float[Array, " n"],
-    tol: Float[Array, ""],
+def search_from(
+    evaluate: Callable[[Float[np.ndarray, " n"]], Point],
+    point: Point,
+    tol: float,
     steps: int,
-) -> SearchState:
-    """Return the next state, by limit state and gradient at ``state.trial()``.
+    trials: float = np.inf,
+    known: Sequence[Point] = (),
+) -> SearchEnd:
+    """Search for a design point.
 
     Args:
-        state: present state.
-        value, gradient: limit state and its derivative at the trial point.
+        evaluate: function of u to a `Point`.
+        point: start.
         tol: tolerance of distance and misalignment, over the distance from the origin (at least 1).
         steps: largest number of accepted steps.
+        trials: largest number of evaluations, with that of the start.
+        known: design points near which the search ends.
     """
-    first, old = state.evaluations == 0, state.point
-    trial = Point(state.trial(), value, gradient)
-    sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(gradient))
-    before = _merit(old, state.penalty)
-    promised = old.u @ state.step - state.penalty * jnp.abs(old.value)
-    # rounding of the merit, and what the analysis leaves of its residual
-    rounding = 64 * float(jnp.finfo(value.dtype).eps)
-    slack = jnp.maximum(rounding, tol**2) * (1 + before)
-    limit = before + _SUFFICIENT * state.length * promised + slack
-    accepted = sound & (first | (_merit(trial, state.penalty) <= limit))
-    point = select_tree(accepted, trial, old)
-    length = jnp.where(accepted, 1.0, 0.5 * state.length).astype(value.dtype)
-    iterations = state.iterations + (accepted & ~first)
-    step, penalty = _next_step(point)
-    code = _decide(point, accepted, first, length, iterations >= steps, tol)
-    return SearchState(
-        point,
-        jnp.where(accepted, step, state.step),
-        length,
-        jnp.where(accepted, penalty, state.penalty),
-        iterations,
-        state.evaluations + 1,
-        state.failures + ~sound,
-        code,
-        code == _RUNNING,
-    )
+    iterations, evaluations, length = 0, 1, 1.0
+    code = _status_at(point, iterations, steps, tol) if point.is_finite() else status.BAD_START
+    while code is None and evaluations < trials:
+        trial = evaluate(point.u + length * _full_step(point))
+        evaluations += 1
+        if not _is_accepted(trial, point, length, tol):
+            length *= 0.5
+            code = status.STALLED if length < _SHORTEST else None
+            continue
+        point, length, iterations = trial, 1.0, iterations + 1
+        code = _status_at(point, iterations, steps, tol)
+        if point.is_near(known):
+            code = status.OUT_OF_STEPS
+    return SearchEnd(point, status.OUT_OF_STEPS if code is None else code, iterations, evaluations)
 
 
-def _merit(point, penalty):
-    """Return the merit that the steps lower."""
-    return 0.5 * jnp.sum(point.u**2) + penalty * jnp.abs(point.value)
+def _status_at(point, iterations, steps, tol):
+    """Return the status with which a search ends at a point; None if it goes on."""
+    allowed = tol * point.scale()
+    if point.slope() == 0:
+        return status.STALLED if iterations else status.STATIONARY
+    if point.distance() <= allowed and point.misalignment() <= allowed:
+        return status.OK
+    return status.OUT_OF_STEPS if iterations == steps else None
 
 
-def _next_step(point):
-    """Return the step to the nearest point of the linearized surface, and the penalty."""
-    step = point.beta() * point.alpha() - point.u
+def _full_step(point):
+    """Return the step to the nearest point of the linearized surface."""
+    return point.beta() * point.alpha() - point.u
+
+
+def _is_accepted(trial, point, length, tol):
+    """Return whether a part of the full step from a point lowers the merit as promised."""
+    step = _full_step(point)
     # of both ends: the origin needs one, and a larger one where the surface is met, as of the ratio
     # of goal and limit state, would forbid to go along a curved surface
-    far = jnp.maximum(jnp.sum(point.u**2), jnp.sum((point.u + step) ** 2))
-    return step, _PENALTY * jnp.sqrt(far) / point.slope()
+    penalty = _PENALTY * max(point.radius(), _norm(point.u + step)) / point.slope()
+    before, after = (0.5 * one.u @ one.u + penalty * abs(one.value) for one in (point, trial))
+    promised = point.u @ step - penalty * abs(point.value)
+    # rounding of the merit, and what the analysis leaves of its residual
+    slack = max(64 * np.finfo(point.u.dtype).eps, tol**2) * (1 + before)
+    return trial.is_finite() and after <= before + _SUFFICIENT * length * promised + slack
 
 
-def _decide(point, accepted, first, length, is_last, tol):
-    """Return the status after a trial."""
-    allowed = tol * jnp.maximum(jnp.sqrt(jnp.sum(point.u**2)), 1.0)
-    close = (point.distance() <= allowed) & (point.misalignment() <= allowed)
-    flat = point.slope() == 0
-    code = jnp.where(is_last, status.OUT_OF_STEPS, _RUNNING)
-    code = jnp.where(flat, jnp.where(first, status.STATIONARY, status.STALLED), code)
-    code = jnp.where(close & ~flat, status.OK, code)
-    refused = jnp.where(length < _SHORTEST, status.STALLED, _RUNNING)
-    refused = jnp.where(first, status.BAD_START, refused)
-    return jnp.where(accepted, code, refused).astype(jnp.int32)
+def _norm(vector):
+    """Return the length of a vector."""
+    return (vector @ vector) ** 0.5

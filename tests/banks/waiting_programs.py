@@ -47,6 +47,15 @@ def bent(force):
     return jc.solve(frame(), jc.Phase(loads=jc.NodalLoads([3], force))).displacement[3, 2]
 
 
+def in_threads(call, count):
+    """Call a function of the number of a thread in as many threads at the same time."""
+    threads = [threading.Thread(target=call, args=(n,)) for n in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
 def forces(k, n=32):
     return 1e3 * (1 + 0.01 * k) * np.random.default_rng(0).normal(size=(n, 3))
 
@@ -75,16 +84,7 @@ def frames_in_threads():
     """The same program in four threads at the same time."""
     run = jax.jit(jax.vmap(bent))
 
-    def at_once(k):
-        threads = [
-            threading.Thread(target=lambda: jax.block_until_ready(run(forces(k)))) for _ in range(4)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-
-    return at_once
+    return lambda k: in_threads(lambda _: jax.block_until_ready(run(forces(k))), 4)
 
 
 @program
@@ -138,23 +138,41 @@ def listeners():
     heard = []
     structure, phases = jc.scenes.flat_net()
 
-    def at_once(k):
-        def one(n):
-            prestress = jc.Phase(pretension=200.0 + k + n, increments=5)
-            jc.solve(structure, [prestress, *phases[1:]], progress=heard.append)
+    def solve(tension):
+        prestress = jc.Phase(pretension=tension, increments=5)
+        jc.solve(structure, [prestress, *phases[1:]], progress=heard.append)
 
-        threads = [threading.Thread(target=one, args=(n,)) for n in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+    return lambda k: in_threads(lambda n: solve(200.0 + k + n), 2)
 
-    return at_once
+
+def run_indices(margin, mean):
+    """Return a function that searches for design points in a compiled program, in two threads."""
+    quantities = {"x": jc.reliability.Normal(mean, 100.0)}
+
+    def index(shift):
+        found = jc.reliability.first_order(lambda v: margin(v["x"]) + shift, quantities, points=1)
+        return found.beta
+
+    run = jax.jit(jax.vmap(jax.value_and_grad(index)))
+    shifts = 1e-4 * np.arange(3.0)
+    return lambda k: in_threads(lambda n: jax.block_until_ready(run((k + n) * shifts)), 2)
 
 
 @program
 def searches():
-    """Searches on the host in a compiled program, which go on while it computes, in two threads."""
+    """Searches in Python that a compiled program calls, with gradients."""
+    return run_indices(lambda x: 300.0 - x[0] - 1e-3 * x[1] ** 2, np.zeros(2))
+
+
+@program
+def searches_by_analyses():
+    sag = net(3)
+    return run_indices(lambda force: sag(force) + 0.04, np.array([0.0, 0.0, -1e3]))
+
+
+@program
+def fits():
+    """Searches in Python that a compiled program calls while it computes, in two threads."""
     structure, _ = jc.scenes.saddle(3, 3)
 
     def fitted(height):
@@ -167,18 +185,8 @@ def searches():
         return jnp.tanh(jnp.outer(x, jnp.arange(2000.0)) @ jnp.ones((2000, 200))).sum()
 
     run = jax.jit(lambda x: (jax.vmap(fitted)(x), busy(x)))
-
-    def at_once(k):
-        def one(n):
-            jax.block_until_ready(run(jnp.linspace(1.0, 2.0 + k + n, 4)))
-
-        threads = [threading.Thread(target=one, args=(n,)) for n in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-
-    return at_once
+    heights = jnp.linspace(1.0, 2.0, 4)
+    return lambda k: in_threads(lambda n: jax.block_until_ready(run(heights + k + n)), 2)
 
 
 @program

@@ -11,8 +11,8 @@ from banks.waiting_programs import PROGRAMS
 SCRIPT = Path(__file__).parents[1] / "banks" / "waiting_programs.py"
 LIMIT = 240  # seconds: what takes 10 on a quiet machine, 25 times as long
 FUSED = "forms", "nets"
-# one program by `jax.vmap` in threads, one by `jc.batched`, one that calls searches on the host
-USUAL = "frames_in_threads", "forms", "searches"
+# one program by `jax.vmap` in threads, one by `jc.batched`, and two that call searches in Python
+USUAL = "frames_in_threads", "forms", "searches", "fits"
 OTHERS = sorted(PROGRAMS.keys() - {"control", *USUAL})
 
 
