@@ -463,6 +463,7 @@ def test_every_rule_has_been_compared():
     elsewhere = {
         "traced",
         "deferred",
+        "search",
         "ffi_call",
         "debug_callback",
         "io_callback",
