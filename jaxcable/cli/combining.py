@@ -17,6 +17,7 @@ from ..common.units import Units
 from ..design import checks, combination_rules, combinations, solve_cases
 from ..design.checks import Checks
 from ..design.combinations import Combinations
+from ..design.member_checks import MemberBuckling
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
@@ -85,10 +86,11 @@ def make_checks(
     if not scene.checks or int(solution.status) != status.OK:
         return None
     if cases is not None:
-        refers = [isinstance(getattr(one, "reference", None), str) for one in scene.checks]
         rules = [  # the last phase of a case begins at the end of the phases
-            replace(one, reference=solution) if own else one
-            for one, own in zip(scene.checks, refers, strict=True)
+            replace(one, reference=solution)
+            if isinstance(one, MemberBuckling) and isinstance(one.reference, str)
+            else one
+            for one in scene.checks
         ]
         return checks(scene.structure, cases, rules, combinations=found)
     last = len(solution.phases)

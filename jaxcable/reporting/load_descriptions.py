@@ -73,7 +73,7 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
         numbers.append(("velocity pressure", f"{pressure} at its nodes"))
     if isinstance(load, OnGroups) and load.elements is not None:
         described += f" ({elements_text(load.elements.elements)})"
-    if (per := getattr(load, "per", None)) is not None:
+    if (per := vars(load).get("per")) is not None:
         described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
     if isinstance(load, Moving) and (nodes := index_field(load, "nodes")) is not None:
         described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"

@@ -155,7 +155,7 @@ def _further_properties(group, units):
         parts.append(f"section of {section.n_fibre} fibres, {', '.join(laws)}")
     if group.face is not None and group.weight is not None:
         parts.append(f"weight {range_with_unit(group.weight, 'N/m2', units)}")
-    if (lengths := getattr(group, "rest_length", None)) is not None:
+    if np.isfinite(lengths := _number_or_nan(group, "rest_length")).all():
         parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
