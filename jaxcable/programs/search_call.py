@@ -50,8 +50,7 @@ def run_search(
         flat, [internals.abstract_argument(x) for x in jax.tree.leaves(like)], reports
     )
     found = _SEARCH.bind(*map(internals.as_operand, leaves), call=own)
-    shape: Any = jax.tree.structure(like)
-    return shape.unflatten(found)
+    return jax.tree.structure(like).unflatten(found)
 
 
 @internals.held_weakly
