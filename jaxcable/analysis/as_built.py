@@ -24,6 +24,7 @@ it by their lengths. Then these are found, too (`topples_under_jacks`).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -46,6 +47,7 @@ from ..model.plausibility import largest_movement
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..programs.program_calls import as_program
+from ..programs.search_call import run_search
 from .activation import element_masks, make_activation
 from .as_built_statements import (
     describe_unmet,
@@ -327,38 +329,47 @@ def _find_unknowns(arguments, run, concrete, straight):
     """Return the unknowns, [n], without derivatives, a status, and the errors that are left, [n].
 
     `arguments` are structure, phases, method and start. `concrete` says that all numbers are known:
-    then the analyses run one after the other by the compiled programs of `solve`. Otherwise all of
-    it is one loop of the program that is traced.
+    then the analyses run by the compiled programs of `solve`.
     """
     structure, phases, method, start = arguments
     stated = stated_as_built(structure, phases, start, straight=straight)
-    given = structure, phases, stated
-
-    def phases_of(m):
-        return _with_strains(*given, m)
-
-    measured = MeasuredAnalysis(
-        structure, phases_of, lambda s: _errors(s, *given), _MEASURED, method, start
-    )
-
-    def evaluate(m):
-        if concrete:
-            return measured(m)
-
-        def errors(m):
-            solution = run(structure, phases_of(m), method, start)
-            return _errors(solution, *given), solution.status
-
-        found, push, code = jax.linearize(errors, m, has_aux=True)
-        return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
-
     m = _guess(structure, stated)
+    tol = _tolerance(method or Newton(), m)
     if concrete:
         refuse_lengths_beyond_digits(stated, np.asarray(m))
-    m, code, left = search(evaluate, m, _tolerance(method or Newton(), m), concrete)
+        given = structure, phases, stated
+        measured = MeasuredAnalysis(
+            structure,
+            lambda m: _with_strains(*given, m),
+            lambda solution: _errors(solution, *given),
+            *(_MEASURED, method, start),
+        )
+        m, code, left = search(measured, np.asarray(m), np.asarray(tol))
+    else:
+
+        def search_lengths(problem):
+            own, m, tol = problem
+            of = functools.partial(_errors_and_jacobian, *own, run=run, straight=straight)
+            return search(of, np.asarray(m), tol)
+
+        like = m, jax.ShapeDtypeStruct((), np.int32), m
+        m, code, left = run_search(search_lengths, (arguments, m, tol), like)
     for one in stated:
         code = checks.numpy_or_jax(one.allowed, code).where(one.allowed, code, status.INVALID_INPUT)
     return m, code, left
+
+
+@functools.partial(as_program, static=("run", "straight"))
+def _errors_and_jacobian(structure, phases, method, start, m, *, run, straight):
+    """Return the errors for unknowns `m`, [n], their Jacobian, [n, n], and a status."""
+    given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
+
+    def errors(m):
+        solution = run(structure, _with_strains(*given, m), method, start)
+        return _errors(solution, *given), solution.status
+
+    found, push, code = jax.linearize(errors, m, has_aux=True)
+    return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
 
 
 @as_program

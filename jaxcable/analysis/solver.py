@@ -133,8 +133,9 @@ def phases_with_lengths(
 
     Arguments are as of `solve`; `straight` and the result are of `as_built.with_lengths_as_built`.
     """
+    return with_lengths_as_built(structure, phases, method, start, _run, straight)
 
-    def run(structure, phases, method, start):
-        return solve(structure, phases, method, start=start)
 
-    return with_lengths_as_built(structure, phases, method, start, run, straight)
+def _run(structure, phases, method, start):
+    """Return the solution of phases in which nothing is stated as built."""
+    return solve(structure, phases, method, start=start)
