@@ -81,7 +81,8 @@ class ConstrainedSearch(Search):
                     # where the gradient of the start is zero, it may as well be a maximum
                     free = (point.x > self.box.lower) & (point.x < self.box.upper)
                     moved = (point.x != self.first.x).any() or point.gradient[free].any()
-                    return point, status.STATIONARY if free.any() and not moved else 0, number
+                    blind = free.any() and not moved
+                    return point, status.STATIONARY if blind else status.OK, number
             before, best = best, self.best
             if best.violation > _USEFUL * before.violation > 0:
                 return best, status.CONSTRAINTS_VIOLATED, number

@@ -137,7 +137,9 @@ def test_noise_ends_an_iteration():
 
     for wanted, tol in ((b, None), (b, 1e-9), (a @ [1.0, -2.0], 1e-9)):
         fit = converged(jc.fit(residuals, jnp.zeros(2), tol=tol, args=(jnp.asarray(wanted),)))
-        assert np.abs(np.asarray(fit.params) - np.linalg.lstsq(a, wanted)[0]).max() < 1e-3
+        # the slope of the noise, 1e-3, times a sum of four residuals with a norm of 1.5, at most 3,
+        # over the least squared singular value of a, 0.45
+        assert np.abs(np.asarray(fit.params) - np.linalg.lstsq(a, wanted)[0]).max() < 7e-3
 
 
 def test_batches_float32_and_units():

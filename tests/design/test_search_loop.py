@@ -26,7 +26,7 @@ def residuals(x, height):
 
 
 SEARCHES = {
-    "minimize": lambda **more: jc.minimize(valley, START, args=(20.0,), steps=60, **more),
+    "minimize": lambda **more: jc.minimize(valley, START, args=(20.0,), steps=40, **more),
     "fit": lambda **more: jc.fit(residuals, START, args=(20.0,), **more),
 }
 
