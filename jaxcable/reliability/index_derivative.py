@@ -37,7 +37,9 @@ def with_derivatives(
         task: tuple of pytrees.
     """
     betas = found.points.beta
-    betas = _indices(function, betas.reshape(points.value.shape), points, task).reshape(betas.shape)
+    betas = _indices(function, betas.reshape(points.gradient.shape[:2]), points, task).reshape(
+        betas.shape
+    )
     several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
     alone = ndtr(-betas[..., 0])
     undefined = jnp.where(several, jnp.nan, 0.0)
