@@ -36,8 +36,8 @@ def with_derivatives(
         points: design points of all limit states, in arrays with leading axes [m, k].
         task: tuple of pytrees.
     """
-    betas = found.points.beta
-    betas = _indices(function, betas.reshape(points.value.shape), points, task).reshape(betas.shape)
+    shape, *each = found.points.beta.shape, *points.gradient.shape[:2]
+    betas = _indices(function, found.points.beta.reshape(each), points, task).reshape(shape)
     several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
     alone = ndtr(-betas[..., 0])
     undefined = jnp.where(several, jnp.nan, 0.0)

@@ -8,7 +8,7 @@ where the limit state is smooth.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class Point(NamedTuple):
     """
 
     u: Float[np.ndarray, " n"]
-    value: Any
+    value: float
     gradient: Float[np.ndarray, " n"]
 
     def is_finite(self) -> bool:
