@@ -204,11 +204,16 @@ def test_form_takes_groups_by_name_and_loads_of_one_phase(scene, capsys, refused
     groups = {"a": jc.Cables(links[:6], 1e5), "b": jc.Cables(links[6:], 1e5)}
     grouped = jc.replace(NET.structure, elements=groups)
     jc.save_scene("groups.json", (grouped, [*NET.phases, LOADED]))
-    assert command("form groups.json --force-density a=100 b=300 --save form.json") == 0
-    assert "those of the first phase that has any, phase 2 (NodalLoads" in capsys.readouterr().out
+    words = "form groups.json --force-density a=100 b=300 --save form.json"
+    assert command(words) == 0
+    told = "loads in the form: none, as phase 1 has none; --loads takes those of others, which have"
+    assert f"{told} some: 2, 3\n" in capsys.readouterr().out
+    assert len(jc.load_scene("form.json").phases) == 3
+    assert command(f"{words} --loads 2") == 0
+    assert "loads in the form: those of phase 2 (NodalLoads" in capsys.readouterr().out
     found = jc.load_scene("form.json")
     assert found.phases[0].force_density == {"a": 100.0, "b": 300.0}
-    # balance at every free node, with the loads of the first phase that has any
+    # balance at every free node, with the loads of phase 2
     forces = np.zeros(found.structure.nodes.shape)
     for name, q in found.phases[0].force_density.items():
         first, last = found.structure.elements[name].links.array.T

@@ -3,6 +3,7 @@
 import json
 import shlex
 from argparse import Namespace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -303,10 +304,25 @@ def test_info_shows_actions(folder, capsys):
     assert "action snow, snow\n  NodalLoads on 1 node, sum (0, 0, -1) kN\n" in told
 
 
-def test_other_commands_keep_actions(folder):
-    words = "optimize rope.json --target 6 --same-in-group --save best.json --quiet"
-    assert command(words) in (0, 1)
-    assert command("form rope.json --force-density 2 --save formed.json --quiet") == 0
-    names = [one.name for one in actions()]
-    assert [one.name for one in jc.load_scene("formed.json").actions] == names
-    assert [one.name for one in jc.load_scene("best.json").actions] == names
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("form {} --force-density 2", ["prestress", "snow"]),
+        ("form {} --force-density 2 --loads 2", ["form of prestress", "prestress"]),
+        ("optimize {} --target 6 --same-in-group --steps 1 --keep", ["prestress", "snow"]),
+    ],
+)
+def test_commands_keep_all_that_a_scene_has_beside_structure_and_phases(words, names, folder):
+    """All keys of the format, of which comments and $schema are for whoever edits the file."""
+    scene = json.loads(Path("rope.json").read_text(encoding="utf-8"))
+    snow = {"name": "snow", "loads": {"type": "NodalLoads", "nodes": [1], "forces": [0, 0, -1]}}
+    scene["phases"] = [scene["phases"][0] | {"name": "prestress"}, snow]
+    scene |= {"combinations": "EN 1990", "checks": ["EN 1993-1-11"]}
+    keys = jc.files.scene_schema()["properties"].keys() - {"comment", "$schema"}
+    assert scene.keys() == keys, "a new key of the format must be tried here"
+    Path("named.json").write_text(json.dumps(scene), encoding="utf-8")
+    assert command(words.format("named.json") + " --save kept.json --quiet") in (0, 1)
+    kept = json.loads(Path("kept.json").read_text(encoding="utf-8"))
+    for key in keys - {"structure", "phases"}:
+        assert kept[key] == scene[key], key
+    assert [phase["name"] for phase in kept["phases"]] == names
