@@ -306,6 +306,15 @@ def test_info_shows_actions(folder, capsys):
     assert "action snow, snow\n  NodalLoads on 1 node, sum (0, 0, -1) kN\n" in told
 
 
+def test_info_refuses_what_solve_cannot_combine(folder, capsys):
+    wrong = jc.replace(actions()[1], kind="winds")
+    save = {"actions": [actions()[0], wrong], "combinations": "EN 1990"}
+    jc.save_scene("wrong.json", (STRUCTURE, PHASES), **save)
+    for name in ("solve", "info"):
+        assert command(f"{name} wrong.json") == 2
+        assert "wrong.json: actions[1]: kind = 'winds': the rules" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "names"),
     [
