@@ -18,7 +18,7 @@ from ..equilibrium.newton import Newton
 from ..loads import as_list
 from ..loads.load import Acting, Following, Moving, OnNodes
 from ..loads.varying import Varying, split_amplitude
-from ..model import spins
+from ..model import phase_plausibility, spins
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .phases import Phase
@@ -144,6 +144,24 @@ def _require_known_nodes(given, structure):
 def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[Any]]:
     """Return the loads of every phase, given as pairs (load, amplitude), without amplitudes."""
     return [[load for load, _ in pairs] for pairs in loads]
+
+
+def warn_of_free_ends(
+    structure: Structure, phases: Sequence[Phase], fixed: Sequence[FixedDofs]
+) -> None:
+    """Warn of cables that end freely, unless loads of one's own act on nodes that are not known.
+
+    `fixed` are the fixed degrees of freedom before the first phase and in each.
+    """
+    joined = [] if structure.rigid is None else [structure.rigid.array]
+    for given in (load for phase in phases for load in as_list(phase.loads)):
+        load: Any = given.load if isinstance(given, Varying) else given
+        found = [index_field(load, name) for name in ("nodes", "faces")]
+        if found[0] is None and isinstance(load, OnNodes):
+            return
+        joined += [nodes.array.ravel() for nodes in found if nodes is not None]
+    held = [own.array[: structure.n_node] for own in fixed]
+    phase_plausibility.warn_of_free_ends(structure.named_groups(), held, joined)
 
 
 def check_supports(

@@ -41,6 +41,7 @@ from .phase_checks import (
     check_method,
     check_supports,
     require_tangent,
+    warn_of_free_ends,
     without_amplitudes,
 )
 from .phases import Phase, as_phases
@@ -140,6 +141,8 @@ def prepare(
     if any(concerns_weight(phase) for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
+    if restart is None:
+        warn_of_free_ends(structure, phases, sets)
     dof_map, changes, before = number_phases(sets, numbered, idle)
     nodes = structure.nodes if rows is None else _take_rows(structure.nodes, rows.node_of_row)
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)

@@ -34,9 +34,13 @@ _NAMED = 8
 def combine_actions(options: Namespace, scene: Scene) -> Combinations | None:
     """Return the combinations that options or a scene ask for, of its actions; None for none.
 
+    A command without options for combinations asks for those of the scene.
+
     Raises:
         BadInput: the scene has no actions, or the rules cannot combine them.
     """
+    names = ("combinations", "which", "case_increments")
+    options = Namespace(**dict.fromkeys(names) | vars(options))
     standard = options.combinations or scene.combination_rules
     if standard is None:
         why = "is for combinations: give --combinations RULES, too"

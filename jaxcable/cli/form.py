@@ -26,7 +26,6 @@ from ..loads import Load, SupportMovement, Varying, as_list
 from ..model.result_parts import named_groups_of
 from ..model.supports import pinned
 from ..reporting.load_descriptions import range_text
-from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput
 
@@ -99,22 +98,23 @@ def run(options: Namespace) -> None:
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
     table.warn()
     if options.save is not None:
-        formed = Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
-        save_scene(options.save, formed, units=units, actions=scene.actions)
+        later = _phases_after_form(phases, acting.remaining)
+        formed = scene._replace(structure=found, phases=[first, *later.values()])
+        save_scene(options.save, formed.with_phase_names(_names_after_form(scene, later)))
         what = "the structure as drawn, unstressed lengths" if bends else "the form, its prestress"
         print(f"wrote {options.save}: {what} and loads, and the other phases")
 
 
 def _select_form_loads(options, scene, table):
-    """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase with loads.
+    """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase.
 
     Loads that form finding cannot take stay in their phase, and are counted in `table`.
     """
     phases, units = scene.phases, scene.units or SI
     words, per_phase = options.loads, [as_list(phase.loads) for phase in phases]
     if words is None:
-        chosen = [k for k, loads in enumerate(per_phase) if loads][:1]
-        text = "those of the first phase that has any, {}; --loads names others, or none"
+        chosen = [0] if per_phase[0] else []
+        text = "those of {}; --loads names other phases, or none"
     elif words == ["none"]:
         chosen, text = [], "none"
     else:
@@ -129,7 +129,11 @@ def _select_form_loads(options, scene, table):
             table.add(type(load).__name__, f"phase {k + 1}", why)
     told = ["; ".join(load.describe(units) for load in loads) for loads in per_phase]
     where = ", ".join(f"phase {k + 1} ({told[k]})" for k in chosen)
-    description = text.format(where) if chosen or words else "none in the scene"
+    description = text.format(where)
+    if not (chosen or words):
+        others = ", ".join(str(k) for k, loads in enumerate(per_phase, 1) if loads)
+        where = f"; --loads takes those of others, which have some: {others}" if others else ""
+        description = f"none, as phase 1 has none{where}"
     return _FormLoads(acting, remaining, description)
 
 
@@ -258,12 +262,12 @@ def _is_planar(positions):
 
 
 def _phases_after_form(phases, remaining_loads):
-    """Return the phases of the scene that follow the form, each with its `remaining_loads`.
+    """Return the phases after the form with `remaining_loads`, as a dict by index in the scene.
 
     Left out are what the form has (prestress, `adds`, supports of the first phase) and phases that
     are then empty. Raise BadInput if a phase adds elements after one that has removed some.
     """
-    later, removed = [], False
+    later, removed = {}, False
     for k, (phase, loads) in enumerate(zip(phases, remaining_loads, strict=True)):
         if removed and phase.adds is not None:
             raise BadInput(
@@ -275,8 +279,22 @@ def _phases_after_form(phases, remaining_loads):
         phase = replace(phase, **gone, loads=loads or None)
         names = [field.name for field in dataclasses.fields(phase)]
         if any(getattr(phase, n) is not None for n in names if n not in _SETTINGS):
-            later.append(phase)
+            later[k] = phase
     return later
+
+
+def _names_after_form(scene, later):
+    """Return the names of the form's phase and of those after it; None if the scene has no names.
+
+    The first name is that of the first phase, unless a part of this phase follows the form.
+    """
+    if scene.phase_names is None:
+        return None
+    kept = [scene.phase_names[k] for k in later]
+    first = scene.phase_names[0]
+    while first in kept:
+        first = f"form of {first}"
+    return [first, *kept]
 
 
 def _parse_lengths(words, structure, units):

@@ -31,6 +31,7 @@ from ..reporting.table import common_scales, table_in_units
 from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
+from .combining import combine_actions
 
 _MOST = 12  # nodes that are listed; two per corner of a six-sided net
 _SIDE = 135.0
@@ -47,6 +48,7 @@ def run(options: Namespace) -> None:
         inputs.refuse_options_without_effect(options, ("units",), inputs.STATED)
         inputs.refuse_options_of_other_formats(options)
         scene = inputs.read_scene(options)
+        combine_actions(options, scene)  # refuses what `solve` cannot combine
         return _print_scene(scene, inputs.shown_units(options, scene))
     units = inputs.parse_units(options.show_units, "--show-units")
     return _print_net(inputs.read_net(options), units or inputs.parse_units(options.units) or SI)

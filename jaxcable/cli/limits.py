@@ -29,6 +29,11 @@ ROUNDING = 1e-9
 """Relative to a limit: two analyses of the same numbers differ by less."""
 _MOST_NAMED = 12
 """Largest number of slack elements of a group, and of cases with such, that are named."""
+_HARDLY_TAUT = 0.01
+"""Tension over the largest of all cables below which a cable is slack in practice.
+
+Prestress is never installed so precisely that less remains for sure.
+"""
 _STRENGTH_WIDTH = 0.005
 """Width of the smooth maximum of utilizations, -."""
 _STRAIN = 1e-3
@@ -131,7 +136,7 @@ def describe_limits(
     if lowest is not None and options.target is None and not options.allow_slack:
         lines.append(_describe_lowest_tension(structure, ends, lowest, options, units))
         if slack_governs:
-            lines[-1] += "; no other limit governs, and --lowest FORCE keeps more"
+            lines[-1] += "; no other limit governs"
     used = _extreme_element(structure, ends, lambda end: _utilizations(structure, end), 1)
     if used is not None:
         most = f"{used[0]:.3g}, {used[1]}"
@@ -152,7 +157,38 @@ def _describe_lowest_tension(structure, ends, lowest, options, units):
         return f"{limit}, reached {reached}: {_limit_verdict(1.0 - force / options.lowest)}"
     if describe_slack_elements(structure, ends):
         return f"limit on slack: no cable may be slack, lowest tension {reached}: violated"
-    return f"cables are kept taut: lowest tension {reached}: met"
+    return (
+        f"cables are kept taut: lowest tension {reached}: met{_hardly_taut(structure, ends, units)}"
+    )
+
+
+def _hardly_taut(structure, ends, units):
+    """Return text on the number of cables that are all but slack in any case; "" if none is."""
+    forces = np.array(
+        [
+            np.concatenate(
+                [
+                    np.where(present, np.asarray(force, float), np.nan)
+                    for force, present in zip(
+                        _limited_groups(structure, end.tension, None),
+                        present_elements(structure, end.present),
+                        strict=True,
+                    )
+                    if force is not None
+                ]
+            )
+            for end in ends.values()
+        ]
+    )
+    most, lowest = np.nanmax(forces), np.fmin.reduce(forces)
+    count = int((lowest < _HARDLY_TAUT * most).sum())
+    if not count:
+        return ""
+    return (
+        f", BUT ONLY JUST: {count} of {int(np.isfinite(lowest).sum())} cables have less than "
+        f"{_HARDLY_TAUT:.0%} of the largest tension, {units.text(most, 'N')}, and are slack in "
+        "practice; --lowest FORCE keeps more"
+    )
 
 
 def _extreme_element(structure, ends, values_of, sign):

@@ -48,10 +48,16 @@ _MEANING = (
     "pretension: the force that a cable would have in the drawn geometry; it fixes the cutting "
     "length, and is not the jacking force"
 )
+_FROM_DENSITIES = (
+    "the scene states force densities: the search began at these times the drawn lengths, and the "
+    "pretension replaces them"
+)
 
 
 def run(options: Namespace) -> None:
     """Optimize the pretension of the first phase that has one, print it, and write the scene.
+
+    Without any pretension, the first force densities become one.
 
     If the search does not converge, or a limit is violated, the best values found are printed with
     the cause, and the exit status is 1; they are written with `options.keep` only. If the analysis
@@ -63,13 +69,12 @@ def run(options: Namespace) -> None:
     units, (structure, phases) = scene.units, scene
     combined = None if options.target is not None else combine_actions(options, scene)
     options = _options_in_si(options, units)
-    number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
-    if number is None:
-        raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
-    start, strength, pretension_of = _parametrize_pretension(structure, phases[number], options)
+    number, name = _find_prestress(options, phases)
+    parts = _parametrize_pretension(structure, phases[number], name, options)
+    start, strength, pretension_of = parts
 
     def phases_with(pretension):
-        phase = replace(phases[number], pretension=pretension)
+        phase = replace(phases[number], **{name: None, "pretension": pretension})
         return [*phases[:number], phase, *phases[number + 1 :]]
 
     def analyse(parameters):
@@ -82,7 +87,7 @@ def run(options: Namespace) -> None:
     start, bounds = _start_within_bounds(start, strength, options.bounds, shown)
     with refuse_value_errors(options.scene):
         if options.target is None:
-            found = _minimize_pretension(structure, analyse, start, bounds, options)
+            found = _minimize_pretension(structure, analyse, pretension_of, start, bounds, options)
         else:
             found, description = _match_target_tension(analyse, start, bounds, options, shown)
         best = jax.tree.map(np.asarray, pretension_of(found.params))
@@ -100,7 +105,8 @@ def run(options: Namespace) -> None:
     slack_governs = _only_slack_governs(found, structure, options, bounds[1], len(ends))
     limits = describe_limits(structure, ends, options, shown, slack_governs=slack_governs)
     if options.target is None:
-        description = _describe_sum(found, start, limits, options, shown)
+        total = float(_total(pretension_of(start)))
+        description = _describe_sum(found, total, limits, options, shown)
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
@@ -110,6 +116,7 @@ def run(options: Namespace) -> None:
         _describe_movement(solution, number, shown),
         *describe_slack_elements(structure, ends),
         *_describe_scatter(structure, best, options),
+        *[_FROM_DENSITIES] * (name == "force_density"),
         _MEANING,
     ]
     good = code == status.OK or options.keep
@@ -185,17 +192,35 @@ def _require_target_or_limits(options):
         inputs.refuse_options_without_effect(options, ("allow_slack",), why)
 
 
-def _parametrize_pretension(structure, phase, options):
+def _find_prestress(options, phases):
+    """Return the index of the phase to optimize, and what it states: the name of its field.
+
+    It is the first with a pretension, or else the first with force densities.
+    """
+    for name in ("pretension", "force_density"):
+        for number, phase in enumerate(phases):
+            if getattr(phase, name) is not None:
+                return number, name
+    raise BadInput(
+        f"{options.scene}: no phase has a pretension (or force densities) to optimize; state one "
+        'from which the search begins, such as "pretension": 1000.0 in the first phase'
+    )
+
+
+def _parametrize_pretension(structure, phase, name, options):
     """Return start and strength, [n], N, and a function from such vectors to pretensions.
 
-    The start is that of the search; the strength is infinite where none is stated. Pretensions have
-    the shape of the elements. With `options.same_in_group` there is one parameter for each group,
-    otherwise one for each element.
+    The start is that of the search, from the field `name` of the phase; the strength is infinite
+    where none is stated. Pretensions have the shape of the elements. With `options.same_in_group`
+    there is one parameter for each group, otherwise one for each element.
     """
-    given = [statements.get("pretension") for statements in phase.statements(structure)]
+    given = [statements.get(name) for statements in phase.statements(structure)]
     if any(statement is not None and statement.chosen is not None for statement in given):
-        raise BadInput(f"{options.scene}: a pretension of only some elements cannot be optimized")
+        raise BadInput(f"{options.scene}: a {name} of only some elements cannot be optimized")
     values = [None if one is None else np.asarray(one.values, float) for one in given]
+    if name == "force_density":
+        lengths = inputs.element_lengths(structure)
+        values = [None if q is None else q * own for q, own in zip(values, lengths, strict=True)]
     strengths = [
         None
         if value is None
@@ -264,11 +289,17 @@ def _target_is_met(found, start, options):
     return float(found.loss) <= start.size * (ROUNDING * options.target) ** 2
 
 
-def _minimize_pretension(structure, analyse, start, bounds, options):
+def _total(pretension):
+    """Return the sum of the pretensions of all elements, given in the shape of the elements, N."""
+    return sum(jnp.sum(one) for one in jax.tree.leaves(pretension))
+
+
+def _minimize_pretension(structure, analyse, pretension_of, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    The limits are `options.deflection`, m, `options.lowest`, N, and the strength, in all cases.
-    Other arguments are those of `_match_target_tension`. Return the `Design` found.
+    `pretension_of` maps parameters to pretensions. The limits are `options.deflection`, m,
+    `options.lowest`, N, and the strength, in all cases. Other arguments are those of
+    `_match_target_tension`. Return the `Design` found.
     """
 
     def excess(solution):
@@ -285,7 +316,7 @@ def _minimize_pretension(structure, analyse, start, bounds, options):
         solution = analyse(parameters)
         several = jnp.ndim(solution.status) > 0
         broken = jax.vmap(excess)(solution) if several else excess(solution)
-        return jnp.sum(parameters), jnp.ravel(broken), solution
+        return _total(pretension_of(parameters)), jnp.ravel(broken), solution
 
     return design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
@@ -319,13 +350,13 @@ def _describe_scatter(structure, pretension, options):
     return [f"{text}: --same-in-group gives all elements of a group the same"]
 
 
-def _describe_sum(found, start, limits, options, units):
+def _describe_sum(found, total, limits, options, units):
     """Return the sum of the pretensions of a `Design`, or that there are none, as text.
 
-    `start` has those at the start, [n], N, and `limits` the lines of `describe_limits`.
+    `total` is the sum at the start, N, and `limits` are the lines of `describe_limits`.
     """
     words = f"sum of the pretensions {units.text(found.loss, 'N')}"
-    if float(found.loss) <= _NO_PRESTRESS * float(jnp.abs(start).sum()):
+    if float(found.loss) <= _NO_PRESTRESS * total:
         words = "no pretension is needed: the limits below are met without any"
         if any("violated" in line for line in limits):
             words = "the best design found has no pretension"

@@ -45,6 +45,7 @@ something else.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
@@ -70,6 +71,9 @@ from .scene_units import SceneConverter, UnitError
 _SCHEMA = "scene.schema.json"  # as it is usually called
 FORMAT = "jaxcable scene"
 VERSION = 1
+_COUNT = re.compile(r"\b(?:increments|nodes|links|faces)\S* = -?\d+")
+_QUANTITY = re.compile(r"\d\.\d|\de[-+]\d| = -?\d|\d (?:N|m|K|kg|Pa|rad)\b")
+"""A number that may have a unit: a decimal one, the value of a field but for `_COUNT`, or "5 N"."""
 MOST_INCREMENTS = 1_000_000
 """Of a phase: limits the memory that a small file can claim."""
 
@@ -238,8 +242,10 @@ def _decode_scene(data):
     except UnitError:
         raise
     except ValueError as error:
-        hint = f" (numbers in this message are in SI units, not in {units})"
-        raise FileError(f"{error}{'' if units is None or units.is_si else hint}") from None
+        hint = ""
+        if units is not None and not units.is_si and _QUANTITY.search(_COUNT.sub("", str(error))):
+            hint = f" (numbers in this message are in SI units, not in {units})"
+        raise FileError(f"{error}{hint}") from None
 
 
 def _stated_units(data):

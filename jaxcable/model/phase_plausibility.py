@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.types import ArrayLike, Float
+from ..common.types import ArrayLike, Float, Int
 from ..elements.element import Element
 from ..elements.statement import StatedValues
 from .plausibility import (
@@ -162,14 +162,54 @@ def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
         named: pairs of (key in the elements as text, group).
         weighed: whether any phase, or an analysis before it, has `SelfWeight`.
     """
-    for where, group in [] if weighed else named:
-        weight = array_or_none(group.weight)
-        if weight is not None and np.any(weight):
+    known = [(where, array_or_none(group.weight)) for where, group in named if not weighed]
+    found = [
+        f"elements{where}.weight"
+        for where, weight in known
+        if weight is not None and np.any(weight)
+    ]
+    if found:
+        yield (
+            f"{', '.join(found)}: no phase has SelfWeight, so that the weight is no load; "
+            "give a phase loads=SelfWeight() if it shall act"
+        )
+
+
+@issues_warnings
+def warn_of_free_ends(
+    named: NamedGroups, fixed: Sequence[FixedDofs], joined: Sequence[Int[np.ndarray, " n"]]
+) -> Iterator[str]:
+    """Warn of nodes without support and load at which one cable ends, and nothing else is joined.
+
+    Such a cable has no tension but that from loads along it. Most likely a support is missing.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        fixed: True where a degree of freedom is held, [n_node, 3 or 6], at the start and by phase.
+        joined: arrays of nodes that loads act on, or that rigid links join.
+    """
+    count = np.zeros(len(fixed[0]), int)
+    for _, group in named:
+        count += np.bincount(group.links.array.ravel(), minlength=len(count))
+    free = count == 1
+    for held in fixed:
+        free &= ~held[:, :3].any(axis=1)
+    if not free.any():
+        return
+    for nodes in joined:
+        free[nodes] = False
+    for where, group in named:
+        ends = group.links.array[:, [0, -1]]
+        single = free[ends] & group.tension_only & (group.face is None)
+        if single.any():
+            k, side = np.argwhere(single)[0]
+            more = int(single.sum()) - 1
+            others = f" (and {more} more of this group)" if more else ""
             yield (
-                f"elements{where}.weight: no phase has SelfWeight, so that the weight is no load; "
-                "give a phase loads=SelfWeight() if it shall act"
+                f"nodes[{ends[k, side]}] is the free end of elements{where}.links[{k}]{others}: no "
+                "phase supports it or has a load on it, so that the cable can have no tension; is "
+                "a support or a joint missing? If the cable hangs there freely, ignore this warning"
             )
-            return
 
 
 @issues_warnings

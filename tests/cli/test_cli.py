@@ -204,11 +204,16 @@ def test_form_takes_groups_by_name_and_loads_of_one_phase(scene, capsys, refused
     groups = {"a": jc.Cables(links[:6], 1e5), "b": jc.Cables(links[6:], 1e5)}
     grouped = jc.replace(NET.structure, elements=groups)
     jc.save_scene("groups.json", (grouped, [*NET.phases, LOADED]))
-    assert command("form groups.json --force-density a=100 b=300 --save form.json") == 0
-    assert "those of the first phase that has any, phase 2 (NodalLoads" in capsys.readouterr().out
+    words = "form groups.json --force-density a=100 b=300 --save form.json"
+    assert command(words) == 0
+    told = "loads in the form: none, as phase 1 has none; --loads takes those of others, which have"
+    assert f"{told} some: 2, 3\n" in capsys.readouterr().out
+    assert len(jc.load_scene("form.json").phases) == 3
+    assert command(f"{words} --loads 2") == 0
+    assert "loads in the form: those of phase 2 (NodalLoads" in capsys.readouterr().out
     found = jc.load_scene("form.json")
     assert found.phases[0].force_density == {"a": 100.0, "b": 300.0}
-    # balance at every free node, with the loads of the first phase that has any
+    # balance at every free node, with the loads of phase 2
     forces = np.zeros(found.structure.nodes.shape)
     for name, q in found.phases[0].force_density.items():
         first, last = found.structure.elements[name].links.array.T
@@ -320,12 +325,20 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys, refused)
     assert out.startswith("status 0: converged") and "pretension 321 N" in out
     tuned = jc.load_scene("tuned.json")
     np.testing.assert_allclose(tuned.phases[0].pretension, 321.0, rtol=1e-6)
+    density = jc.Phase(force_density=750.0)  # 300 N in each link of 0.4 m
+    jc.save_scene("form.json", (NET.structure, [density]))
+    assert command("optimize form.json --target 300 --save tuned.json") == 0
+    out, err = capsys.readouterr()
+    assert "the scene states force densities: the search began at these times" in out and not err
+    tuned = jc.load_scene("tuned.json").phases[0]
+    np.testing.assert_allclose(tuned.pretension, 300.0, rtol=1e-6)
+    assert tuned.force_density is None
     jc.save_scene("none.json", (NET.structure, [jc.Phase(rest_length=0.3)]))
     for words, message in (
         ("bare.json", "give --target, or --deflection"),
         ("bare.json --target 321 --lowest 100", "--target cannot be combined with"),
         ("bare.json --target 321 --bounds 400 300", "--bounds 400 300: the first is above"),
-        ("none.json --target 1", "no phase has a pretension"),
+        ("none.json --target 1", "no phase has a pretension (or force densities) to optimize; sta"),
     ):
         assert message in refused(f"optimize {words}")
 
@@ -431,6 +444,7 @@ def test_the_net_to_begin_with_can_be_optimized(tmp_path, monkeypatch, capsys):
     told = capsys.readouterr().out
     assert told.startswith("status 0: converged\n") and ": met\n" in told
     assert "violated" not in told and "cables are kept taut: lowest tension" in told
+    assert "met, BUT ONLY JUST: " in told
     assert int(told.split(" analyses")[0].split()[-1]) <= 200
     solution = converged(jc.solve(*jc.load_scene("t.json")))
     assert 0.0195 < largest(solution) <= 0.02 * (1 + 1e-9)

@@ -362,6 +362,13 @@ def test_messages_say_that_their_numbers_are_in_si(tmp_path):
     path.write_text(text, "utf-8")
     with pytest.raises(jc.files.FileError, match=r"-97970.*in SI units, not in kN, m"):
         jc.load_scene(path)
+    text = text.replace("-97.97", "97.97")
+    for old, new in (('"increments": 10', '"increments": 5000000'), ("[3, 4, 7, 8]", "[3, 4, 99]")):
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+        with pytest.raises(jc.files.FileError) as error:
+            jc.load_scene(path)
+        assert "SI units" not in str(error.value), "of a count, or of numbers of nodes"
 
 
 # --- classes of users

@@ -954,6 +954,10 @@ jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
 stated(HANGING, end_tension=2.0)
     # elements.weight: no phase has SelfWeight
+stated({"a": HANGING, "b": HANGING}, end_tension=2.0)
+    # elements['a'].weight, elements['b'].weight: no phase has SelfWeight
+analyse(Phase(pretension=2.0), structure=net(NODES[:3], cables(LINKS[:2]), (0,)))
+    # nodes[2] is the free end of elements.links[1]: no phase supports it
 stated(HANGING, built_sag=150.0, loads=jc.SelfWeight())
     # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
 materials.steel(355)
@@ -996,6 +1000,8 @@ net(NODES[[0, 1, 2, 3, 1]], cables([[0, 1], [4, 2], [1, 3]]))
 ODD = rows("""
 loaded(jc.Varying(push(), HALF, [0.5, 0.7, 1.0]))  # a load step
 loaded(push([1, 2]))  # loads on supports as well
+loaded(push([1, 2]), structure=net(supports=(0, 3)))  # a load on the free end of a cable
+analyse(Phase(supports=jc.pinned([0, 2, 3])), structure=net(supports=(0, 3)))  # held later
 stated(pretension=1.0, loads=push([2]))  # loads on supports beside prestress
 loaded(push([2], (0.0, 0, 0)))  # no load at all
 loaded(jc.SupportMovement([1], (1e-3, 0, 0)), structure=net(supports=range(4)))
