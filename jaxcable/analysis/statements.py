@@ -16,7 +16,7 @@ import numpy as np
 from ..common import checks
 from ..common.rules import refuse_if_broken
 from ..common.selection import Only, Selection
-from ..common.types import ArrayLike, Float
+from ..common.types import ArrayLike, Float, PyTree
 from ..elements.abilities import (
     STATEMENTS,
     Jacked,
@@ -77,6 +77,23 @@ def check_statements(
                 path = where + statement_path(name) + key
                 phase_plausibility.warn_of_prestress(name, stated, group, path, structure.nodes)
     return found
+
+
+def values_of_elements(
+    given: PyTree[Any], structure: Structure, name: str
+) -> list[StatedValues | None]:
+    """Expand a statement to the elements of every group, None for groups that it does not concern.
+
+    Arguments are those of `check_statements`; whether the values are plausible is not checked.
+    """
+    path = statement_path(name)
+    by_group = zip(
+        structure.named_groups(), _values_by_group(given, structure, name, path), strict=True
+    )
+    return [
+        None if value is None else _expand_to_elements(value, group, name, path + key)
+        for (key, group), value in by_group
+    ]
 
 
 def statement_path(name: str) -> str:
@@ -208,6 +225,13 @@ def _check_statement(
     if isinstance(value, Selection):
         raise ValueError(f"{path}: only(...) has no values here; give only(elements, values)")
     _require_ability(group, name, path, structure)
+    stated = _expand_to_elements(value, group, name, path)
+    refuse_if_broken(statement_rules(name, stated, group, structure.nodes, group.capacity, path))
+    return stated
+
+
+def _expand_to_elements(value, group, name, path):
+    """Return the value of a statement for a group as `StatedValues`; see `_check_statement`."""
     count, components = len(group.links), components_of(group, name)
     chosen = None
     if isinstance(value, Only):
@@ -216,9 +240,7 @@ def _check_statement(
         value = value.merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    stated = StatedValues(value, chosen)
-    refuse_if_broken(statement_rules(name, stated, group, structure.nodes, group.capacity, path))
-    return stated
+    return StatedValues(value, chosen)
 
 
 def _require_ability(group, name, path, structure):

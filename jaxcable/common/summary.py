@@ -36,6 +36,8 @@ def summarize(obj: Any) -> str:
             if text and key != "status":
                 parts.append(f"{key} {text} {unit}".strip())
         head = _describe_status(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
+        # what a status leaves open, such as targets that are missed
+        head = "; ".join(filter(None, (head, getattr(obj, "_status_note", ""))))
         return _fold_lines(f"{name}: {head}" if head else name, parts)
     except Exception:  # a text of an object must not add an error to another one
         return f"{name}(...)"

@@ -216,6 +216,15 @@ def flat_vector(tree: PyTree[Float[ArrayLike, " ..."]]) -> Float[ArrayLike, " n"
     return xp.concatenate([xp.ravel(x) for x in jax.tree.leaves(tree)])
 
 
+def entry_names(params: PyTree[Float[ArrayLike, " ..."]]) -> list[str]:
+    """Return the name of every number of a pytree, [n], as a user writes it: ``['stays'][0]``."""
+    return [
+        jax.tree_util.keystr(path) + "".join(f"[{k}]" for k in index)
+        for path, leaf in jax.tree_util.tree_leaves_with_path(params)
+        for index in np.ndindex(np.shape(leaf))
+    ]
+
+
 def unflatten_params(
     flat: Float[ArrayLike, " n"] | Bool[ArrayLike, " n"], params: PyTree[Float[Array, " ..."]]
 ) -> PyTree[Any]:

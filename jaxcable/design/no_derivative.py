@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import numpy as np
 
 from ..common import status
 from ..common.checks import warn_user
 from ..common.types import ArrayLike, Float, Int, PyTree
+from .bounds import entry_names
 
 
 def warn_of_undefined_derivative(
@@ -28,11 +28,7 @@ def warn_of_undefined_derivative(
     bad = ~np.isfinite(np.asarray(jacobian))
     if int(code) != status.OK or not np.isfinite(np.asarray(values)).all() or not bad.any():
         return
-    names = [
-        jax.tree_util.keystr(path) + "".join(f"[{k}]" for k in index)
-        for path, leaf in jax.tree_util.tree_leaves_with_path(params)
-        for index in np.ndindex(np.shape(leaf))
-    ]
+    names = entry_names(params)
     found = [f"params{names[k]}" for k in np.flatnonzero(bad.reshape(-1, len(names)).any(axis=0))]
     rows = np.flatnonzero(bad.any(axis=1)) if bad.ndim == 2 else []
     of = f" of value {', '.join(map(str, rows[:5]))}{', ...' * (len(rows) > 5)}" * (len(rows) > 0)

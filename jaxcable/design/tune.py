@@ -20,7 +20,7 @@ from ..common import checks, status
 from ..common import jax_internals as internals
 from ..common.compilation import is_top_level_call
 from ..common.progress import Trial, as_listener
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
@@ -29,8 +29,9 @@ from ..model.result_parts import named_groups_of, present_elements, slack_elemen
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
-from .bounds import check_search_arguments, flat_vector, unflatten_params
+from .bounds import check_search_arguments, flat_vector, make_bounds, unflatten_params
 from .fit import fit, fit_on_host
+from .length_bounds import add_default_bounds, describe_default_bounds_reached
 from .targets import Target, deviations, require_targets, result_names_for_targets
 
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
@@ -54,12 +55,14 @@ class Tuned:
         free: True for values that no bound blocks, a list like `values`.
         without_influence: True for values on which no target depends, to rounding, a list like
             `values`; they are as in the given phases.
-        status: status code of the search, 0 (OK) if it has converged; `describe` has the texts.
+        status: status code of the search, 0 (OK) if it has converged, also where the least squares
+            miss targets: look at `met`. `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
-        remarks: a sentence for every group of cables of which some are nearly slack in the first
-            phase with a target or later: with less than 5 % of the largest force that the group
-            has in any phase. A tuple of str, empty under jit and vmap. What can be done is in the
-            second example of `tune`.
+        remarks: sentences on what an engineer should look at, a tuple of str, empty under jit and
+            vmap: values that ended at a default bound (see `tune`); targets that are missed, and by
+            how much; and groups of cables of which some are nearly slack in the first phase with a
+            target or later, with less than 5 % of the largest force that the group has in any
+            phase. What can be done there is in the second example of `tune`.
 
     Example:
         By how much a bar of 2 m is to be shortened so that its end rises by 1 mm:
@@ -92,6 +95,12 @@ class Tuned:
     def stable(self) -> Bool[Array, ""]:
         """Whether the end of the last phase is stable: `stable` of the `Solution`."""
         return self.solution.stable
+
+    @property
+    def _status_note(self) -> str:
+        """Which targets are missed, for `repr`."""
+        missed = [str(k) for k, met in enumerate(self.met) if not np.all(met)]
+        return f"targets missed: number {', '.join(missed)}" if missed else ""
 
 
 def tune(
@@ -128,7 +137,11 @@ def tune(
             ``only(elements, 18e3)`` is one for all, ``only(elements, [18e3, 18e3])`` one each.
         targets: one `Target`, or a list.
         bounds: (lower, upper) of the unknowns, each None, a number, or a prefix pytree of the list
-            of inputs.
+            of inputs. Give those of the turnbuckles and jacks. Lengths without a bound have a
+            default one, which also holds the start: an element with the length L, unstressed or as
+            drawn, is shortened or let out by at most L (`shortening`), and has an unstressed length
+            of at most 2 L (`rest_length`), a sag of at most L, a prestrain of -0.5 to 1. A value
+            that ends there gets an `InputWarning` and a remark.
 
     Options:
         method, start: as for `solve`.
@@ -193,6 +206,9 @@ def tune(
     targets = [targets] if isinstance(targets, Target) else list(targets)
     values = _check_unknowns(phases, unknowns)
     require_targets(targets, len(phases))
+    asked = make_bounds(bounds, values)
+    box = add_default_bounds(asked, structure, unknowns, values)
+    bounds = unflatten_params(box.lower, values), unflatten_params(box.upper, values)
 
     def phases_with(values):
         found = list(phases)
@@ -238,7 +254,11 @@ def tune(
         found = seek(structure, values)
         spent.append(found.steps)
         solution = solve(structure, phases_with(found.params), method, start=start)
-    return _make_tuned(structure, phases_with(found.params), targets, solution, found, spent)
+    tuned = _make_tuned(structure, phases_with(found.params), targets, solution, found, spent)
+    far = describe_default_bounds_reached(unknowns, tuned.values, asked, box)
+    for text in far:
+        checks.warn_user(text)
+    return copy_with(tuned, remarks=(*far, *tuned.remarks))
 
 
 def _make_tuned(structure, phases, targets, solution, found, spent):
@@ -252,6 +272,7 @@ def _make_tuned(structure, phases, targets, solution, found, spent):
     influence = checks.as_numpy_if_known(found.jacobian) * within[:, None]
     first_phase = min(t.phase % len(phases) for t in targets)
     remarks = _describe_nearly_slack(structure, solution, first_phase)
+    remarks = _describe_missed(targets, deviation, solution) + remarks
     steps = sum(map(checks.as_numpy_if_known, spent))
     numbers = internals.as_jax_arrays((deviation, met, influence))
     flags = found.free, found.without_influence, found.status, internals.as_jax_arrays(steps)
@@ -263,6 +284,22 @@ def _weighted_deviations(targets, solution):
     found = deviations(targets, solution)
     parts = [d / t.within for d, t in zip(found, targets, strict=True)]
     return checks.numpy_or_jax(parts).concatenate(parts)
+
+
+def _describe_missed(targets, deviation, solution):
+    """Describe the targets that are missed by their deviations, a tuple of sentences.
+
+    It is empty if the analysis failed or is traced.
+    """
+    code = solution.status
+    if checks.numpy_or_jax(code, deviation) is not np or np.any(np.asarray(code) != status.OK):
+        return ()
+    off = [np.max(np.abs(own)) for own in deviation]
+    return tuple(
+        f"targets[{number}] is missed: off by up to {most:.3g}, its tolerance is {t.within:.3g}"
+        for number, (most, t) in enumerate(zip(off, targets, strict=True))
+        if most > t.within
+    )
 
 
 def _describe_nearly_slack(structure, solution, first_phase):

@@ -20,6 +20,7 @@ from .plausibility import (
     array_or_none,
     describe_first_wrong,
     describe_unlikely_length,
+    drawn_or_given_lengths,
     issues_warnings,
     lengths_over_nodes,
 )
@@ -75,6 +76,14 @@ def warn_of_prestress(
         chord = lengths_over_nodes(group, nodes)
         over = value > _DEEP * chord
         text = "".join(f"its ends are {d:.4g} m apart; is the sag in m?" for d in chord[over][:1])
+        yield from describe_first_wrong(label, value, over, text)
+    elif name == "shortening":
+        length = drawn_or_given_lengths(group, nodes)
+        over = (np.abs(value) > length) & (length > 0)
+        text = "".join(
+            f"the element has {own:.4g} m; is it in m, and can a turnbuckle do it?"
+            for own in length[over][:1]
+        )
         yield from describe_first_wrong(label, value, over, text)
     elif name == "rest_length":
         yield from describe_unlikely_length(label, value, lengths_over_nodes(group, nodes))

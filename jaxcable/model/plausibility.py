@@ -264,6 +264,14 @@ def array_or_none(value):
     return checks.array_if_known(value)
 
 
+def drawn_or_given_lengths(group: Element, nodes: Positions) -> Float[np.ndarray, " n_elem"]:
+    """Return the unstressed length of every element, else that over its nodes, [n_elem], m."""
+    given = array_or_none(getattr(group, "rest_length", None))
+    if given is None:
+        return lengths_over_nodes(group, nodes)
+    return np.broadcast_to(given, len(group.links))
+
+
 def lengths_over_nodes(group, nodes):
     """Return the initial length of every element, summed from node to node, [n_elem], m, NumPy."""
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)

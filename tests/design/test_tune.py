@@ -13,6 +13,8 @@ from jaxcable.analysis import phase_loop, recalled_derivative
 from jaxcable.analysis.results import RESULT_NAMES
 from jaxcable.common import status
 from jaxcable.design import Target, targets, tune
+from jaxcable.design.bounds import make_bounds
+from jaxcable.design.length_bounds import add_default_bounds
 
 TIGHT = jc.Newton(tol=1e-13)
 MAST = jc.Structure(
@@ -195,10 +197,10 @@ def test_targets_of_several_stages_are_met_exactly():
         assert float(check.phases[2].tension[key][0]) == pytest.approx(push / 3, rel=1e-7)
 
 
-def shortened(of, value=0.0):
+def shortened(of, value=0.0, bounds=None):
     """The upper bar of the line is shortened, so that the node between is where it shall be."""
     target, phases = Target(of, value, within=1e-6), [jc.Phase(shortening=jc.only([0], 0.0))]
-    return tune(LINE, phases, [(0, "shortening")], target, method=TIGHT)
+    return tune(LINE, phases, [(0, "shortening")], target, bounds, method=TIGHT)
 
 
 def height(phase):
@@ -221,6 +223,45 @@ def test_the_search_is_that_of_fit():
     levels, rates = np.append(levels, levels[2]), np.append(whole.influence, found.influence)
     np.testing.assert_allclose(values, 4 * (2 + levels) / (4 + levels), atol=1e-9)
     np.testing.assert_allclose(rates, 8 / (4 - values) ** 2, rtol=1e-9)
+
+
+def test_lengths_end_at_what_a_turnbuckle_can_do():
+    """A bar of 2 m is let out by 2 m at most: equal forces, (s - u) / (2 - s) = u / 2, u = -2/3 m.
+
+    The level asked for needs s = -76 m: bounds that allow it are taken.
+    """
+    with pytest.warns(
+        jc.InputWarning, match=r"unknowns\[0\]\.values \(shortening\) = -2: at the def"
+    ):
+        found = converged(shortened(height, -3.9))
+    assert float(found.values[0].values) == -2.0 and not bool(found.met[0])
+    assert float(found.deviation[0][0]) == pytest.approx(3.9 - 8 / 3, abs=1e-9)
+    assert "default bound" in found.remarks[0] and "off by up to 1.23" in found.remarks[1]
+    assert repr(found).startswith("Tuned: converged; targets missed: number 0\n")
+    with pytest.warns(jc.InputWarning, match=r"shortening\[0\] = -76: the element has 2 m"):
+        wide = converged(shortened(height, -3.9, (-100.0, None)))
+    assert float(wide.values[0].values) == pytest.approx(-76.0, rel=1e-6)
+    assert wide.remarks == () and repr(wide).startswith("Tuned: converged\n")
+
+
+def test_default_bounds_of_all_lengths():
+    """One number for bars of 2 m and 6 m keeps to the shorter one; forces have no bounds."""
+    nodes = [[0.0, 0, 0], [0, 0, -2.0], [0, 0, -8.0]]
+    bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+    line = jc.Structure(nodes, {"bars": bars}, jc.pinned([0, 2]))
+    given = [
+        ("shortening", np.array(0.0), -2.0, 2.0),
+        ("rest_length", {"bars": np.array([5.0, 6.0])}, [0.0, 0.0], [5.0, 12.0]),
+        ("prestrain", {"bars": jc.only([1], np.array([1e-3]))}, -0.5, 1.0),
+        ("pretension", {"bars": np.array([1e3, 1e3])}, [-np.inf] * 2, [np.inf] * 2),
+    ]
+    for name, start, low, high in given:
+        box = add_default_bounds(make_bounds(None, [start]), line, [(0, name)], [start])
+        np.testing.assert_array_equal(box.lower, np.ravel(low))
+        np.testing.assert_array_equal(box.upper, np.ravel(high))
+        kept = make_bounds((-0.25, 20.0), [start]) if name != "pretension" else box
+        box = add_default_bounds(kept, line, [(0, name)], [start])
+        np.testing.assert_array_equal((box.lower, box.upper), (kept.lower, kept.upper))
 
 
 def test_paths_have_no_derivatives():

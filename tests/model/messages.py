@@ -969,6 +969,8 @@ materials.tension_only(165e9, 1500.0, 0.02)
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
+stated(shortening=[0.1, -1.5, 0.1])
+    # phases[0].shortening[1] = -1.5: the element has 1 m; is it in m, and can a turnbuckle do it?
 stated(rest_length=[1.0, 999.0, 1.0])
     # phases[0].rest_length[1] = 999: its nodes are 1 m apart; is the length in m
 net(1000.0 * NODES, {"net": cables(rest_length=0.999)})
