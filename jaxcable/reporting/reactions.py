@@ -181,6 +181,9 @@ def reaction_envelope_table(of: ReportedAnalysis) -> dict[str, Table]:
     if of.cases is None or len(of.cases) < 2:
         return {}
     every = _reactions_of(of.structure, list(of.envelope.values()))
+    # where nothing is left at a support, as after the loss of a cable, its reaction is zero
+    known = np.isfinite(every.values).any(axis=0)
+    every = every._replace(values=np.where(known, np.nan_to_num(every.values), np.nan))
     pairs = np.argwhere(every.acts())
     if not len(pairs):
         return {}
