@@ -11,6 +11,7 @@ from jax.flatten_util import ravel_pytree
 from ..common import checks, status
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
+from .bounds import entry_names
 from .fit import Fit
 
 
@@ -78,9 +79,14 @@ def confidence(
         `Confidence`.
 
     Raises:
-        ValueError: a fit that has not converged or a batch of them, a level outside of 0 to 1, a
-            deviation that is not positive, or no `deviation` and no more residuals than determined
+        ValueError: a fit that has failed or a batch of fits, a level outside of 0 to 1, a deviation
+            that is not positive, or no `deviation` and no more residuals than determined
             combinations.
+
+    A fit that is STALLED or OUT_OF_STEPS gets an `InputWarning`: it is no minimum, but `directions`
+    show what its data do not determine, which often is the reason. A parameter at a bound is taken
+    as known; there is a warning if the interval of another one would otherwise be more than twice
+    as wide.
 
     Example:
         An axial stiffness from three measured forces, with ``s / sqrt(sum(e^2))`` and Student's
@@ -106,8 +112,14 @@ def confidence(
         raise ValueError(f"deviation = {deviation}: must be positive and finite")
     from scipy import special  # slow to import
 
+    if int(fit.status) not in (status.OK, status.STALLED, status.OUT_OF_STEPS):
+        raise ValueError(f"fit: has failed ({status.describe(fit.status)})")
     if int(fit.status) != status.OK:
-        raise ValueError(f"fit: has not converged ({status.describe(fit.status)})")
+        checks.warn_user(
+            f"fit: has not converged ({status.NAMES[int(fit.status)]}); the intervals are of "
+            "linear theory, which holds at a minimum only: take from them what is not determined "
+            "(`directions`), not how exactly the rest is"
+        )
     jacobian = np.array(fit.jacobian, float)
     back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
     n_residual, n_param = jacobian.shape
@@ -116,7 +128,7 @@ def confidence(
     jacobian[:, np.concatenate(no_influence).astype(bool)] = 0.0  # their columns are rounding
     columns = np.linalg.norm(jacobian[:, varied], axis=0)
     unit = np.where(columns > 0, columns, 1.0)
-    _, values, combinations = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
+    left, values, combinations = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
     n_free = len(unit)
     values = np.pad(values, (0, n_free - len(values)))
     determined = values > rcond * values.max(initial=0.0)
@@ -137,6 +149,8 @@ def confidence(
     covariance = np.full((n_param, n_param), np.nan)
     inside = deviation**2 * half.T @ half
     undetermined = (np.abs(combinations[~determined]) > 1e-3).any(axis=0)
+    inverse = half.T @ left[:, :rank].T
+    _warn_of_blocked(fit, jacobian, varied, undetermined, inverse, rcond)
     inside[undetermined] = np.nan
     inside[:, undetermined] = np.nan
     covariance[np.ix_(varied, varied)] = inside
@@ -157,3 +171,39 @@ def confidence(
         rank=rank,
         degrees=degrees,
     )
+
+
+def _warn_of_blocked(fit, jacobian, varied, undetermined, inverse, rcond):
+    """Warn of parameters that a bound blocks, and that others cannot be told apart from.
+
+    Intervals take what is blocked as known. With its column ``a`` of the Jacobian J the variance of
+    another parameter would be larger by ``c^2 / |a - J c|^2``, where ``c = J^+ a``.
+
+    Args:
+        fit, jacobian, rcond: as in `confidence`; without influence are columns of zeros.
+        varied, undetermined: parameters that no bound blocks, [n_param]; which of these are not
+            determined anyway, [n_free].
+        inverse: pseudo-inverse of their columns, [n_free, n_residual].
+    """
+    size = np.linalg.norm(jacobian, axis=0)
+    blocked = np.flatnonzero(~varied & (size > 0))
+    columns = jacobian[:, blocked]
+    effect = inverse @ columns
+    apart = np.linalg.norm(columns - jacobian[:, varied] @ effect, axis=0)
+    effect[np.abs(effect) * size[varied, None] <= 1e-3 * size[blocked]] = 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        added = np.abs(effect) / np.where(apart > rcond * size[blocked], apart, 0.0)
+    alone = np.linalg.norm(inverse, axis=1)
+    wide = (added > np.sqrt(3.0) * alone[:, None]) & ~undetermined[:, None]  # twice as wide
+    names = entry_names(fit.params)
+    for k in np.flatnonzero(wide.any(axis=0)):
+        affected = np.flatnonzero(varied)[wide[:, k]]
+        others = ", ".join(f"params{names[i]}" for i in affected[:5]) + ", ..." * (
+            len(affected) > 5
+        )
+        how = "be infinite" if np.isinf(added[:, k]).any() else "be more than twice as wide"
+        checks.warn_user(
+            f"fit: params{names[blocked[k]]} is at a bound, and is taken as known; without that "
+            f"the interval of {others} would {how}: measure what tells them apart, or widen the "
+            "bound"
+        )

@@ -98,6 +98,41 @@ def test_what_data_do_not_determine():
     assert design.confidence(one, deviation=0.1).rank == 1
 
 
+def test_a_search_that_has_not_converged_shows_what_is_not_determined():
+    """Of a sum and a third number the difference is not: its direction is 1, -1, 0."""
+    matrix = jnp.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    fit = jc.fit(lambda p: jnp.exp(matrix @ p), jnp.array([1.0, 2.0, 3.0]), steps=1)
+    assert int(fit.status) == status.OUT_OF_STEPS
+    with pytest.warns(jc.InputWarning, match=r"not converged .OUT_OF_STEPS.*minimum only"):
+        interval = design.confidence(fit, deviation=1.0)
+    assert interval.rank == 2
+    direction = interval.directions[2] * np.sign(interval.directions[2, 0])
+    np.testing.assert_allclose(direction, [1.0, -1.0, 0.0], atol=1e-12)  # rounding of an SVD
+
+
+@pytest.mark.parametrize(("angle", "said"), [(0.0, "infinite"), (0.4, "more than twice as wide")])
+def test_what_a_bound_hides(angle, said):
+    """Two columns at an angle: without its bound the error of p[0] is 1 / sin(angle), not 1."""
+    columns = jnp.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)]])
+    fit = jc.fit(
+        lambda p: columns @ p - 3.0 * columns[:, 1], jnp.zeros(2), (None, jnp.array([jnp.inf, 1.0]))
+    )
+    assert int(fit.status) == 0 and not bool(fit.free[1])
+    with pytest.warns(jc.InputWarning, match=rf"params\[1\] is at.*params\[0\] would be {said}"):
+        interval = design.confidence(fit, deviation=1.0)
+    assert float(interval.standard_error[0]) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_bound_that_hides_little():
+    """At an angle of 0.6, 1 / sin is 1.8: no warning, which would be an error here."""
+    columns = jnp.array([[1.0, np.cos(0.6)], [0.0, np.sin(0.6)]])
+    fit = jc.fit(
+        lambda p: columns @ p - 3.0 * columns[:, 1], jnp.zeros(2), (None, jnp.array([jnp.inf, 1.0]))
+    )
+    assert int(fit.status) == 0 and not bool(fit.free[1])
+    assert design.confidence(fit, deviation=1.0).rank == 1
+
+
 def walled(x, code):
     """Zero at 1, 1; fails where x[0] < 0.2, whereto steps lead: NaN, or a status."""
     failed = x[0] < 0.2
@@ -178,8 +213,8 @@ def test_history_and_progress():
 
 def test_wrong_arguments():
     x = jnp.array([-1.2, 1.0])
-    short = jc.fit(misra, jnp.array([500.0, 1e-4]), steps=2)
-    assert int(short.status) == status.OUT_OF_STEPS
+    blind = jc.fit(lambda p: jnp.log(p - 2.0), jnp.array([1.0]))
+    assert int(blind.status) == status.BAD_START
     found = jc.fit(misra, jnp.array([250.0, 5e-4]))
     above = (jnp.array([-2.0, 2.0]), None)
     for call, said in (
@@ -187,7 +222,7 @@ def test_wrong_arguments():
         (lambda: jc.fit(lambda p: jnp.zeros(0), x), "residuals: expected arrays of floats"),
         (lambda: jc.fit(rosenbrock, x, above), r"params\[1\] = 1: the start is below its lower"),
         (lambda: jc.fit(rosenbrock, x, steps=0), "steps = 0"),
-        (lambda: design.confidence(short), "fit: has not converged"),
+        (lambda: design.confidence(blind), "fit: has failed .the loss or its gradient is not"),
         (lambda: design.confidence(found, level=2), r"level = 2"),
     ):
         with pytest.raises(ValueError, match=said):
