@@ -266,7 +266,7 @@ def array_or_none(value):
 
 def drawn_or_given_lengths(group: Element, nodes: Positions) -> Float[np.ndarray, " n_elem"]:
     """Return the unstressed length of every element, else that over its nodes, [n_elem], m."""
-    given = array_or_none(getattr(group, "rest_length", None))
+    given = array_or_none(group.rest_length)
     if given is None:
         return lengths_over_nodes(group, nodes)
     return np.broadcast_to(given, len(group.links))
