@@ -110,6 +110,8 @@ def minimize(
 
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
+        Trial points, and the end, may be unstable equilibria, of which a search says nothing: look
+        at `stable` of the `Solution` at `Design.params`.
 
     The search is a loop on the host, and every trial point a program of the loss and its gradient.
     Mapped cases are searched one after the other. Within `jit` the program calls the search, which
