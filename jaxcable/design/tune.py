@@ -99,7 +99,7 @@ class Tuned:
     @property
     def _status_note(self) -> str:
         """Which targets are missed, for `repr`."""
-        missed = [str(k) for k, met in enumerate(self.met) if not np.all(met)]
+        missed = [str(k) for k, met in enumerate(self.met) if not np.all(np.asarray(met))]
         return f"targets missed: number {', '.join(missed)}" if missed else ""
 
 
