@@ -64,7 +64,7 @@ class LevenbergMarquardt(Search):
         self._least = np.finfo(point.x.dtype).eps * self._array_norms(point.x)
         self._accept(point)
         code = self._status_of_start()
-        return self._search() if code is None else code
+        return self._take_steps() if code is None else code
 
     def _accept(self, point):
         """Go on from a trial point."""
@@ -86,7 +86,7 @@ class LevenbergMarquardt(Search):
         blind = has_misfit and level.all() and not blocked.all()
         return status.STATIONARY if blind else status.OK
 
-    def _search(self):
+    def _take_steps(self):
         """Go from trial point to trial point, and return the status at the end."""
         damping, growth = _FIRST_DAMPING, 2.0
         noise = max(_NOISE, 64 * np.finfo(self.current.x.dtype).eps)

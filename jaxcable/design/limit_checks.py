@@ -18,6 +18,7 @@ import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common import checks
+from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import TENSION, Element
 from ..model.result_parts import active_nodes, loose_nodes, present_elements
@@ -43,19 +44,25 @@ def limit_utilization(
         below = jnp.where(value < 0, jnp.inf, 0.0)
         ratio = value / jnp.where(lower == 0, 1.0, lower)
         used = jnp.where(lower > 0, part, jnp.where(lower < 0, ratio, below))
-        found.append(jnp.where(jnp.isnan(value), jnp.nan, used))
+        found.append(jnp.where(jnp.isnan(value) | jnp.isnan(lower), jnp.nan, used))
     return jnp.stack(found).max(axis=0)
 
 
-def _check_limits(name, lower, upper, text="lower, upper: missing; give at least one limit"):
-    """Raise ValueError unless a limit is given, the upper one positive and above the lower one."""
+def _set_limits(check, lower, upper, text="lower, upper: missing; give at least one limit"):
+    """Set the limits of a check: traced ones that break a rule are NaN, and known ones refused.
+
+    There must be a limit; the upper one is positive and above the lower one.
+    """
+    name = check.name
     if lower is None and upper is None:
         raise ValueError(f"{name}: {text}")
-    low, high = (None if x is None else checks.array_if_known(x) for x in (lower, upper))
-    if high is not None and not (np.asarray(high) > 0).all():
-        raise ValueError(f"{name}: upper = {upper}: expected a positive limit")
-    if low is not None and high is not None and not (np.asarray(low) < np.asarray(high)).all():
-        raise ValueError(f"{name}: lower = {lower}: expected below upper = {upper}")
+    if upper is not None:
+        is_low = Rule(f"{name}: upper", upper, lambda v: ~(v > 0), "expected a positive limit")
+        object.__setattr__(check, "upper", nan_if_broken(is_low))
+    if lower is not None and upper is not None:
+        text = f"expected below upper = {upper}"
+        pair = Rule(f"{name}: lower", (lower, upper), lambda low, high: ~(low < high), text)
+        object.__setattr__(check, "lower", nan_if_broken(pair))
 
 
 def _unit_vector(direction, name):
@@ -120,7 +127,7 @@ class OwnCheck(Check):
             pass  # a signature that Python does not know
         if self.lower is None and self.upper is None:
             object.__setattr__(self, "upper", 1.0)
-        _check_limits(self.name, self.lower, self.upper)
+        _set_limits(self, self.lower, self.upper)
         object.__setattr__(self, "units", {"value": self.unit})
 
     def inputs(self) -> dict[str, Any]:
@@ -185,7 +192,7 @@ class DisplacementLimit(Check):
 
     def __post_init__(self):
         super().__post_init__()
-        _check_limits(self.name, None, self.upper)
+        _set_limits(self, None, self.upper)
         doubt(f"{self.name}: upper", self.upper, 0.0, 10.0, "is the limit in m?")
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
@@ -258,10 +265,10 @@ class TensionLimit(OnElements):
 
     def __post_init__(self):
         super().__post_init__()
-        _check_limits(self.name, self.lower, None, "lower: missing; give the smallest tension, N")
-        known = checks.array_if_known(self.lower)
-        if known is not None and not known > 0:
-            raise ValueError(f"{self.name}: lower = {self.lower}: expected a positive tension, N")
+        _set_limits(self, self.lower, None, "lower: missing; give the smallest tension, N")
+        text = "expected a positive tension, N"
+        above_zero = Rule(f"{self.name}: lower", self.lower, lambda v: ~(v > 0), text)
+        object.__setattr__(self, "lower", nan_if_broken(above_zero))
 
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements have tension only."""
@@ -314,7 +321,7 @@ class ReactionLimit(Check):
 
     def __post_init__(self):
         super().__post_init__()
-        _check_limits(self.name, self.lower, self.upper)
+        _set_limits(self, self.lower, self.upper)
         _unit_vector(self.direction, self.name)
 
     def inputs(self) -> dict[str, Any]:

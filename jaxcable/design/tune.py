@@ -216,7 +216,7 @@ def tune(
             found[k] = with_statement(found[k], name, value)
         return found
 
-    def seek(structure, values):
+    def fit_values(structure, values):
         phases, inputs = phases_with(values), [t.value for t in targets]
         leaves = jax.tree.leaves((structure, phases, inputs, bounds, start))
         # lengths of elements as built are found in `solve`
@@ -242,7 +242,7 @@ def tune(
     plain = smooth and start is None and not stated_as_built(structure, phases)
     pressing = replace_cables_by_bars(structure) if plain else None
     if pressing is not None:
-        found = seek(pressing, values)
+        found = fit_values(pressing, values)
         spent.append(found.steps)
         xp = checks.numpy_or_jax(found.status)
         good = xp.asarray(found.status) == status.OK
@@ -251,7 +251,7 @@ def tune(
             solution = solve(structure, phases_with(reached), method)
             values = reached
     if solution is None or not _cables_act_like_bars(targets, solution, found):
-        found = seek(structure, values)
+        found = fit_values(structure, values)
         spent.append(found.steps)
         solution = solve(structure, phases_with(found.params), method, start=start)
     tuned = _make_tuned(structure, phases_with(found.params), targets, solution, found, spent)

@@ -132,7 +132,9 @@ def _batch(arguments, axes, *, call):
     return found, [0] * len(found)
 
 
-_CALLS: dict[str, _SearchCall] = {}  # by what no other process has: none is found in its programs
+# by names that no other process has, so that none is found in programs on disk; never removed,
+# because XLA may call a search as long as the process lives
+_CALLS: dict[str, _SearchCall] = {}
 
 
 @register_host_function_family

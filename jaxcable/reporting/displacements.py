@@ -97,7 +97,7 @@ def _tables_of(
     each = [np.asarray(x.result.positions, float) - geometry(k) for k, x in states.items()]
     moved, names = _of_active_nodes(of.structure, states, each), list(states)
     sizes = np.linalg.norm(moved, axis=2)
-    largest = np.nan_to_num(sizes).max(axis=0)
+    largest = np.nan_to_num(sizes).max(axis=0)  # NaN: no active element, the node is not there
     nodes = np.flatnonzero(largest > _NEGLIGIBLE * _largest_side(of.structure))
     if not len(nodes):
         return {}
@@ -164,7 +164,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
         return {}
     each = [rotation_vectors(of.structure, state.result) for state in of.envelope.values()]
     turned = _of_active_nodes(of.structure, of.envelope, each)
-    angles = np.nan_to_num(np.linalg.norm(turned, axis=2))
+    angles = np.nan_to_num(np.linalg.norm(turned, axis=2))  # NaN: the node is not there
     nodes = np.flatnonzero(angles.max(axis=0) > NEGLIGIBLE)  # beside 1 rad
     if not len(nodes):
         return {}

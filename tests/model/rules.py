@@ -279,6 +279,12 @@ def tolerated(v):
     return jnp.where(valid, 1.0, jnp.nan)
 
 
+def limited(v, **others):
+    """Utilization of an own check by its limits."""
+    own = design.OwnCheck("own", lambda *_: jnp.ones(1), **others | v)
+    return own.terms(None, None)["utilization"]
+
+
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
@@ -510,6 +516,15 @@ lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction
 ## design/objectives.py
 lambda v: design.material_use(STRESSED, v),  # material_use: ...stress = -1.0
 lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+## design/limit_checks.py
+lambda v: limited({"upper": v}),  # _set_limits: own: upper = -1.0: expected a positive limit
+lambda v: limited({"lower": v}, upper=2.0), 1.0, 3.0
+    # _set_limits: own: lower = 3.0: expected below upper = 2.0
+lambda v: design.TensionLimit(lower=v).terms(net(), STRESSED)["utilization"], 1.0, 0.0
+    # __post_init__: tension that remains: lower = 0.0: expected a positive tension
+## standards/cables.py
+lambda v: jc.standards.cables.cable_resistance(v), 1.0, 0.0
+    # _positive: breaking_force = 0.0: must be positive
 ## reliability/distributions.py
 scattered_by("deviation"),  # deviation: deviation = -1.0: must be positive
 scattered_by("variation"),  # variation: variation = -1.0: must be positive
@@ -530,7 +545,6 @@ OTHERWISE = {
     "loads/wind.py:describe": "no rule: what is said of it",
     "loads/wind_profiles.py:_describe_velocity": "no rule: what is said of it",
     "loads/masses.py:describe": "no rule: what is said of it",
-    "loads/member_values.py:with_member_factors": "no rule: which library computes",
     "loads/points.py:describe": "no rule: what is said of it",
     "design/cable_loss.py:loss_of_cable": "no rule: whether there are forces",
     "design/cable_loss.py:_checked_state": "NaN where it is traced",
@@ -555,7 +569,6 @@ OTHERWISE = {
     "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
     "stiffness/vibration.py:_warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
-    "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
     "model/spins.py:find_free_spins": "a warning",
     "model/spins.py:describe_free_spins": "a warning",
@@ -564,5 +577,13 @@ OTHERWISE = {
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible_prestress.py:feasible_prestress": "NaN where a cable is not taut",
     "forms/equilibrium_matrix.py:nodes_as_numpy": "traced nodes are refused",
+    "analysis/as_built.py:_first_phases": "no rule: known masks that are empty need no change",
+    "design/actions.py:__post_init__": "no rule of numbers: shape and dtype, which are known",
+    "design/check.py:doubt": "a warning",
+    "design/load_cases.py:_warn_of_unstable_cases": "a warning",
+    "forms/input_checks.py:warn_of_hanging_elements": "a warning",
+    "materials/presets.py:_warn_of_weak_material": "a warning",
+    "stiffness/buckling.py:_must_not_be_slack": "NaN where it is traced",
+    "stiffness/vibration.py:_masses_of_nodes": "no rule: which library computes",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""
