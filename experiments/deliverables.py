@@ -26,7 +26,7 @@ from jaxcable.common.writing import atomic_write
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 REPORTS = {  # page, file that it writes, pages of that to show
-    "guyed mast": ("checks.md", "mast.pdf", (4, 6)),
+    "guyed mast": ("checks.md", "mast.pdf", (5, 7)),
     "footbridge": ("report.md", "footbridge.pdf", (2, 3)),
 }
 SHEETS = """#set page(width: auto, height: auto, margin: 6pt, fill: luma(70%))
