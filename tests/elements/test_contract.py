@@ -241,7 +241,11 @@ CHANGED = {  # of the contract: a class, members of it that are changed, and the
         "end_forces: other forces for the quaternions q and -q",
     ),
 }
-MADE = {Dampers: ([[0, 1]], 10.0), Cloth: ([[0, 1, 2]], 1e4), TurningSprings: ([[1]], [3.0])}
+MADE = {
+    Dampers: ([[0, 1]], 10.0),
+    Cloth: ([[0, 1, 2]], 1e4),
+    TurningSprings: ([[1]], np.array([3.0])),
+}
 
 
 @pytest.mark.slow_cases("values of some for all", "quaternions of two signs")
