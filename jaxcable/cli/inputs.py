@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..common.checks import warn_user
-from ..common.types import ArrayLike, Float, PyTree
+from ..common.types import Array, ArrayLike, Float, PyTree
 from ..common.units import SI, Units, as_units
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.net_doubts import pluralize
@@ -18,7 +18,7 @@ from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
 from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
-from ..model.result_parts import named_groups_of
+from ..model.result_parts import active_nodes, named_groups_of
 from ..model.structure import Structure
 from ..scenes import Scene
 from .guard import BadInput, refuse_value_errors
@@ -292,9 +292,16 @@ def number_text(value: float, unit: str, units: Units | None = None) -> str:
 
 
 def largest_displacement(
-    displacement: Float[ArrayLike, "n_node 3"], units: Units | None = None
+    structure: Structure,
+    displacement: Float[ArrayLike, "n_node 3"],
+    present: PyTree[Float[Array, " n_elem"]] | None,
+    units: Units | None = None,
 ) -> tuple[float, str]:
-    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`."""
+    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`.
+
+    Nodes of which all elements are absent do not count; `present` is `Solution.present`.
+    """
     moved = np.linalg.norm(np.asarray(displacement), axis=1)
+    moved = np.where(active_nodes(structure, present), moved, 0.0)
     node = int(moved.argmax())
     return float(moved[node]), f"{number_text(float(moved[node]), 'm', units)} at node {node}"

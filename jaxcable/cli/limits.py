@@ -115,7 +115,9 @@ def describe_limits(
     `slack_governs`: of the limits, only that no cable is slack restricts the search.
     """
     moved = {
-        name: inputs.largest_displacement(end.phases[-1].displacement_in_phase, units)
+        name: inputs.largest_displacement(
+            structure, end.phases[-1].displacement_in_phase, end.present, units
+        )
         for name, end in ends.items()
     }
     name = max(moved, key=lambda name: moved[name][0])
