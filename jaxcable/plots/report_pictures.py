@@ -68,9 +68,10 @@ def for_report(
         return {}
     profile = np.zeros((0, 3)) if ground is None else np.asarray(ground, float).reshape(-1, 3)
     heights = _factor_on_heights(structure, solution, profile)
+    ends = "the first and the last phase" if len(solution.phases) > 1 else "the phase"
     found = {
         "Structure: groups, nodes and elements": model(structure, units=units, heights=heights),
-        "Forces at the end of the first and the last phase": net(
+        f"Forces at the end of {ends}": net(
             solution, structure=structure, units=units, ground=ground, heights=heights
         ),
     }
