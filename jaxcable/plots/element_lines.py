@@ -40,6 +40,7 @@ class ColorScale:
     Args:
         forces: `ElementForces` of the pictures, or `ColoredValues`.
         units: `Units` of the numbers; None for SI, of which forces are in N, kN or MN.
+        one_scale: whether colors are forces in any case.
 
     Attributes:
         factor: factor from the values to the numbers of texts and, but for shares, the color bar.
@@ -48,7 +49,12 @@ class ColorScale:
         look: color map and norm, as arguments of matplotlib's collections.
     """
 
-    def __init__(self, forces: Sequence[ElementForces | ColoredValues], units: Units | None = None):
+    def __init__(
+        self,
+        forces: Sequence[ElementForces | ColoredValues],
+        units: Units | None = None,
+        one_scale: bool = False,
+    ):
         color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
@@ -72,7 +78,8 @@ class ColorScale:
                 self.name, signed = "axial force", ", tension positive"
             self.label = f"{self.name} ({self.unit})".removesuffix(" ()") + signed
             low, high = self.factor * low, self.factor * high
-            self._ranges = _swamped_ranges(forces) if color == "tension" else None
+            by_group = color == "tension" and not one_scale
+            self._ranges = _swamped_ranges(forces) if by_group else None
             if self._ranges is not None:
                 self._labels = forces[0].labels
                 self.label, low, high = f"{self.name}, % of the largest of its group", 0.0, 100.0

@@ -31,12 +31,11 @@ from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
 from .nets import round_magnification
 from .ordinates import (
-    choose_values_to_write,
     default_section_axes,
     keep_inside,
     positive_side_directions,
     side_directions_in_picture,
-    write_values,
+    write_largest_values,
 )
 from .style import GHOST, INK, SERIES, finish_figure, format_value, quantity_unit
 from .symbols import draw_supports, support_legend
@@ -245,11 +244,13 @@ def _draw_section_force(stage, envelope, of, high):
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
-    every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
-    written = choose_values_to_write(
-        every[0], np.nan_to_num(every[1]), _APART * stage.extent, _LABELS, 0.0
+    bases = {side: base for side in _SIDES}
+    bases, tips, values = (
+        np.concatenate([own[side] for side in _SIDES]) for own in (bases, tips, values)
     )
-    write_values(axes, stage.view, written, factor)
+    apart = _APART * stage.extent
+    known = np.nan_to_num(values)
+    write_largest_values(axes, stage.view, (bases, tips), known, factor, apart, _LABELS, 0.0)
     return figure, handles, slots, (None, "")
 
 

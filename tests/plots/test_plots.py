@@ -312,6 +312,8 @@ def test_a_group_that_another_one_swamps_has_its_own_colors():
     np.testing.assert_allclose(shares[:4], [100.0, 50.0, 100.0 / 3, 100.0])
     texts = [entry.get_label() for entry in scale.legend()]
     assert texts == ["edge: -300 to 150 kN", "net: 10 to 30 kN"]
+    together = element_lines.ColorScale([own], one_scale=True)
+    np.testing.assert_allclose(together.numbers(own), force / 1e3)
     whole = 26793.992565943103  # 100 whole / whole is above 100, by rounding
     equal = own._replace(value=np.array([-300e3, 150e3, whole, whole, 10e3]))
     assert element_lines.ColorScale([equal]).numbers(equal).max() == 100.0
