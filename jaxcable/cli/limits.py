@@ -144,9 +144,9 @@ def describe_limits(
         most = f"{used[0]:.3g}, {used[1]}"
         if options.target is None:
             verdict = _limit_verdict(used[0] - 1.0)
-            lines.append(f"limit on the strength: utilization 1, reached {most}: {verdict}")
+            lines.append(f"limit on force / strength: 1, reached {most}: {verdict}")
         elif used[0] > 1.0 + ROUNDING:  # a target has no limits
-            lines.append(f"STRENGTH EXCEEDED: largest utilization {most}")
+            lines.append(f"STRENGTH EXCEEDED: largest force / strength {most}")
     return lines
 
 

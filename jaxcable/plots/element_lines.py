@@ -65,7 +65,7 @@ class ColorScale:
         if color == "utilization":
             # the bar is from 0 to 100 % whatever occurs; what is more has another color, named
             # with a margin for rounding: a force that has been brought to the strength is not over
-            self.factor, self.label = 100.0, "utilization: force / breaking force (%)"
+            self.factor, self.label = 100.0, "force / breaking force (%)"
             if high > 1.0 + _REACHED:
                 cmap.colorbar_extend = "max"
                 self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"

@@ -268,7 +268,7 @@ def test_optimize_keeps_forces_below_the_strength(folder, capsys):
     jc.save_scene("mast.json", (structure, [prestress, jc.Phase(loads=winds[0].loads)]))
     assert command("optimize mast.json --same-in-group --deflection 0.1 --save best.json") == 1
     told, err = capsys.readouterr()
-    (line,) = [one for one in told.splitlines() if "limit on the strength" in one]
+    (line,) = [one for one in told.splitlines() if "limit on force / strength" in one]
     used = float(line.split("reached ")[1].split(",")[0])
     # 3 digits are printed; the mast, which deflects, changes forces by 1 in 2000
     assert used >= 10e3 / 0.6 / 16e3 * (1 - 5e-3)

@@ -206,9 +206,7 @@ def test_utilization(pictures, runs):
     assert used.min() < 100 < used.max()
     figure = pictures["net, utilization"]
     bar = figure.axes[-1]
-    assert (
-        bar.get_xlabel() == f"utilization: force / breaking force (%), largest {used.max():.4g} %"
-    )
+    assert bar.get_xlabel() == f"force / breaking force (%), largest {used.max():.4g} %"
     assert np.allclose(bar.get_xlim(), [0.0, 100.0], atol=1e-3)  # 1e-6 are rounding
     assert {0, 100} <= set(bar.get_xticks())
     for axes, values in zip(figure.axes, np.split(used, 2), strict=False):
@@ -221,7 +219,7 @@ def test_utilization(pictures, runs):
         runs.structure.nodes, jc.replace(runs.strong.elements, strength=2e3), runs.strong.supports
     )
     figure = jc.plots.net(runs.taut, color="utilization", structure=below)
-    assert figure.axes[-1].get_xlabel() == "utilization: force / breaking force (%)"
+    assert figure.axes[-1].get_xlabel() == "force / breaking force (%)"
 
 
 @pytest.mark.slow
