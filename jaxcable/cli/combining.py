@@ -17,7 +17,8 @@ from ..common import status
 from ..common.tree import copy_with
 from ..common.units import Units
 from ..design import checks, combination_rules, combinations, solve_cases
-from ..design.checks import RULES, Checks
+from ..design.check import Check
+from ..design.checks import Checks
 from ..design.combinations import Combinations
 from ..design.member_checks import MemberBuckling
 from ..equilibrium.incremental import Incremental
@@ -105,22 +106,18 @@ def make_checks(
             for one in scene.checks
         ]
         assert found is not None  # with their results
-        there = {*found.limit_states, *found.rules} if chosen else set()
-        idle = [(one, of) for one in rules if chosen and (of := _counted(one)) and not of & there]
-        rules = [one for one in rules if all(one is not other for other, _ in idle)]
+        there = {*found.limit_states, *found.rules}
+        own = [one for one in rules if chosen and isinstance(one, Check)]  # not those of standards
+        idle = {one.name: one.of for one in own if one.of and not there & {*one.of}}
+        rules = [one for one in rules if isinstance(one, str) or one.name not in idle]
         if not rules:
             return None
         made = checks(scene.structure, cases, rules, combinations=found)
-        words = [f"{getattr(one, 'name', one)}, without {' or '.join(of)}" for one, of in idle]
+        words = [f"{name}, without {' or '.join(of)}" for name, of in idle.items()]
         return copy_with(made, not_made=(*made.not_made, *words))
     last = len(solution.phases)
     name = f"phase {last}" if scene.phase_names is None else scene.phase_names[-1]
     return checks(scene.structure, solution, scene.checks, names=[name])
-
-
-def _counted(one):
-    """Return limit states and rules whose combinations count for a check or standard, a set."""
-    return {state for own in (RULES[one] if isinstance(one, str) else [one]) for state in own.of}
 
 
 def describe_largest_values_of_cases(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..common.checks import warn_user
-from ..common.types import Array, ArrayLike, Float, PyTree
+from ..common.types import ArrayLike, Float, PyTree
 from ..common.units import SI, Units, as_units
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.net_doubts import pluralize
@@ -18,6 +18,7 @@ from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
 from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
+from ..model.plausibility import lengths_over_nodes
 from ..model.result_parts import active_nodes, named_groups_of
 from ..model.structure import Structure
 from ..scenes import Scene
@@ -260,10 +261,7 @@ def parse_group_values(
 def element_lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
     """Return the initial lengths of the elements of each group, a list of [n_elem], m."""
     nodes = np.asarray(structure.nodes)
-    return [
-        np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
-        for group in structure.groups
-    ]
+    return [lengths_over_nodes(group, nodes) for group in structure.groups]
 
 
 def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
@@ -292,16 +290,12 @@ def number_text(value: float, unit: str, units: Units | None = None) -> str:
 
 
 def largest_displacement(
-    structure: Structure,
-    displacement: Float[ArrayLike, "n_node 3"],
-    present: PyTree[Float[Array, " n_elem"]] | None,
-    units: Units | None = None,
+    structure: Structure, moved: Float[ArrayLike, "n_node 3"], present: Any, units: Units | None
 ) -> tuple[float, str]:
-    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`.
+    """Return the largest of displacements, m, and a text such as "0.03 m at node 5" in `units`.
 
     Nodes of which all elements are absent do not count; `present` is `Solution.present`.
     """
-    moved = np.linalg.norm(np.asarray(displacement), axis=1)
-    moved = np.where(active_nodes(structure, present), moved, 0.0)
-    node = int(moved.argmax())
-    return float(moved[node]), f"{number_text(float(moved[node]), 'm', units)} at node {node}"
+    sizes = np.linalg.norm(moved, axis=1) * active_nodes(structure, present)
+    node = int(sizes.argmax())
+    return float(sizes[node]), f"{number_text(float(sizes[node]), 'm', units)} at node {node}"

@@ -374,6 +374,6 @@ def _zero_rounding_errors(pretension, start):
 def _describe_movement(structure, solution, number, units):
     """Return a line on how far phase `number`, which has the pretension, moves the drawn form."""
     phase = solution.phases[number]
-    moved = phase.displacement_in_phase
-    _, where = inputs.largest_displacement(structure, moved, phase.present, units)
+    moved = phase.displacement_in_phase, phase.present
+    _, where = inputs.largest_displacement(structure, *moved, units)
     return f"the pretension moves the form in phase {number + 1} by up to {where}"

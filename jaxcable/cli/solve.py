@@ -6,6 +6,7 @@ import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..analysis.solution import Solution
 from ..common import status
@@ -44,13 +45,10 @@ def run(options: Namespace) -> int | None:
         outputs.check_suffix(path, outputs.REPORTS, "--report")
         with refuse_value_errors("--report"):
             require_writer(path)
-    results = [
-        file for path in options.save for file in file_names.files_to_write(path, file_names.RESULT)
-    ]
-    reports = [
-        file for path in report_paths for file in file_names.files_to_write(path, file_names.REPORT)
-    ]
-    require_writable(options.plot, *results, *reports, inputs=[options.scene])
+    paths: list[tuple[str, Any]] = [(path, file_names.RESULT) for path in options.save]
+    paths += [(path, file_names.REPORT) for path in report_paths]
+    files = [file for pair in paths for file in file_names.files_to_write(*pair)]
+    require_writable(options.plot, *files, inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = inputs.shown_units(options, scene), scene
     combinations = combine_actions(options, scene)
@@ -176,11 +174,8 @@ def describe_largest_values(
         total = f"from the start (phases 1 to {last})"
         alone = solution.phases[-1].displacement_in_phase
         parts = {f"in phase {last} alone": alone, total: solution.displacement}
-    present = solution.present
-    moved = [
-        f"largest displacement {name}: "
-        f"{inputs.largest_displacement(structure, moved, present, units)[1]}"
-        for name, moved in parts.items()
-    ]
+    known = solution.present, units
+    found = {k: inputs.largest_displacement(structure, x, *known)[1] for k, x in parts.items()}
+    moved = [f"largest displacement {name}: {text}" for name, text in found.items()]
     forces = range_text(solution.peak_tension, "N", units)
     return [*moved, f"final axial forces: {forces}"]

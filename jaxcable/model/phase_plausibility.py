@@ -210,8 +210,8 @@ def warn_of_free_ends(
         joined: arrays of nodes that loads act on, or that rigid links join.
     """
     free, at = ~np.any([held[:, :3].any(axis=1) for held in fixed], axis=0), array_or_none(nodes)
-    cables = [pair for pair in named if pair[1].tension_only and pair[1].face is None]
-    others = [group.links.array for _, group in named if all(group is not g for _, g in cables)]
+    cables = [(where, g) for where, g in named if g.tension_only and g.face is None]
+    others = [g.links.array for _, g in named if not g.tension_only or g.face is not None]
     for touched in (*joined, *others):
         free[touched.ravel()] = False
     if at is None or not cables or not free.any():
@@ -231,14 +231,13 @@ def warn_of_free_ends(
         if alone.any():
             k, side = np.argwhere(alone)[0]
             first = group.links.array[k, side]
-            end = count[first] == 1
-            what, which = ("the free end", "it") if end else ("a free corner", "cables there")
+            what = "the free end" if count[first] == 1 else "a free corner"
             more = len(np.unique(group.links.array[alone])) - 1
             yield (
                 f"nodes[{first}] is {what} of elements{where}.links[{k}]"
                 f"{f' (and {more} more of this group)' if more else ''}: no phase supports it or "
-                f"has a load on it, so that {which} can have no tension; is "
-                "a support or a joint missing? If it hangs there freely, ignore this warning"
+                f"has a load on it, so that cables there can have no tension; "
+                "is a support or a joint missing? If it hangs there freely, ignore this warning"
             )
             free[group.links.array[alone]] = False
 

@@ -23,13 +23,7 @@ from ..model.result_parts import end_nodes
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
 from ..results.interpolation import interpolate_recorded_forces
-from .element_curves import (
-    PLACES,
-    Links,
-    hermite_cubic,
-    picture_lines,
-    select_lines,
-)
+from .element_curves import PLACES, Links, hermite_cubic, picture_lines, select_lines
 from .element_forces import values_by_group
 from .layout import arrange_pictures, finish_layout
 from .ordinates import (
@@ -185,7 +179,7 @@ class ForceDiagrams:
         self._factor, self.unit = quantity_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
         self._tips = [each.value_tips(view, scale) for each in self._along]
-        self._labels = most, apart, least * self.largest
+        self._labels = apart, most, least * self.largest
 
     def points(self) -> Float[np.ndarray, "n 3"]:
         """Return the ends of the ordinates of all values in all pictures, [n, 3], m."""
@@ -195,9 +189,9 @@ class ForceDiagrams:
         """Draw picture `number`: elements, areas between beams and values, the largest numbers."""
         along, tips, view = self._along[number], self._tips[number], self.view
         along.draw(axes, view, self.links, tips)
-        most, apart, least = self._labels
-        ordinates, apart = (along.base, tips), apart * along.extent
-        write_largest_values(axes, view, ordinates, along.values, self._factor, apart, most, least)
+        apart, *others = self._labels
+        limits: Any = apart * along.extent, *others
+        write_largest_values(axes, view, (along.base, tips), along.values, self._factor, limits)
 
     def legend(self) -> list[Any]:
         """Return legend entries for the colors of positive and of negative values that occur."""
@@ -308,13 +302,9 @@ def _places_with_jumps(end, count):
 
 
 def forces_along_beams(
-    parts: Sequence[GroupTopology],
-    end: State | PhaseResult,
-    places: Float[np.ndarray, " n_place"],
+    parts: Sequence[GroupTopology], end: State | PhaseResult, places: Float[np.ndarray, " n_place"]
 ) -> tuple[
-    Float[np.ndarray, "n_beam n_place 6"],
-    Int[np.ndarray, "n_beam 2"],
-    Int[np.ndarray, " n_beam"],
+    Float[np.ndarray, "n_beam n_place 6"], Int[np.ndarray, "n_beam 2"], Int[np.ndarray, " n_beam"]
 ]:
     """Return section forces at places along all beams.
 

@@ -145,13 +145,7 @@ class ElementLines:
         scale: `ColorScale` of the colors.
     """
 
-    def __init__(
-        self,
-        axes: Axes,
-        view: View,
-        snapshots: Snapshots,
-        scale: ColorScale,
-    ):
+    def __init__(self, axes: Axes, view: View, snapshots: Snapshots, scale: ColorScale):
         self.view, self.faces, self.scale = view, snapshots.faces, scale
         lines = ~np.isin(snapshots.links[1], self.faces[1])  # faces are drawn with their edges
         self.links = snapshots.links[0][lines], snapshots.links[1][lines]

@@ -244,13 +244,9 @@ def _draw_section_force(stage, envelope, of, high):
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
-    bases = {side: base for side in _SIDES}
-    bases, tips, values = (
-        np.concatenate([own[side] for side in _SIDES]) for own in (bases, tips, values)
-    )
-    apart = _APART * stage.extent
-    known = np.nan_to_num(values)
-    write_largest_values(axes, stage.view, (bases, tips), known, factor, apart, _LABELS, 0.0)
+    every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
+    ordinates, limits = (np.tile(base, (2, 1, 1)), every[0]), (_APART * stage.extent, _LABELS, 0.0)
+    write_largest_values(axes, stage.view, ordinates, np.nan_to_num(every[1]), factor, limits)
     return figure, handles, slots, (None, "")
 
 
@@ -331,16 +327,9 @@ def _draw_element_values(stage, envelope, of):
             )
     group = np.repeat(np.arange(len(groups)), [len(one.links) for one in groups])
     labels = [label for label, _ in named_groups_of(structure)]
-    values = {
-        side: ColoredValues(
-            concatenate_values(getattr(envelope, side)[of], groups),
-            of,
-            _UNITS.get(of, ""),
-            group,
-            labels,
-        )
-        for side in _SIDES
-    }
+    every = {side: concatenate_values(getattr(envelope, side)[of], groups) for side in _SIDES}
+    look = of, _UNITS.get(of, ""), group, labels
+    values = {side: ColoredValues(own, *look) for side, own in every.items()}
     extremes = _extremes(envelope, of)
     scale = ColorScale(list(values.values()), stage.units)
     titles = [f"{word} {scale.name}" for word, _ in _SIDES.values()]

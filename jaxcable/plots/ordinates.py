@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,10 @@ _LEAST = 0.05  # of the largest value: less is not written
 def write_largest_values(
     axes: Any,
     view: View,
-    ordinates: tuple[Float[np.ndarray, "n_beam n_place 3"], Float[np.ndarray, "n_beam n_place 3"]],
+    ordinates: Sequence[Float[np.ndarray, "n_beam n_place 3"]],
     values: Float[np.ndarray, "n_beam n_place"],
     factor: float,
-    apart: float,
-    most: int,
-    least: float,
+    limits: tuple[float, int, float],
 ) -> None:
     """Write the largest values of ends and extremes, not too close together, beside their tips.
 
@@ -32,9 +31,9 @@ def write_largest_values(
         axes, view: of the picture.
         ordinates: bases and tips of the ordinates, m.
         values: of all ordinates, N or N m; texts have these times `factor`.
-        apart: least distance of written values, m.
-        most, least: largest number of written values, and their least size.
+        limits: least distance of written values, m, their largest number, and their least size.
     """
+    apart, most, least = limits
     halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
     look: Any = {"color": INK, "zorder": 9, "path_effects": halo}
     beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
@@ -85,9 +84,7 @@ def positive_side_directions(
     return side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
 
 
-def default_section_axes(
-    ends: Float[np.ndarray, "n_beam 2 3"],
-) -> Float[np.ndarray, "n_beam 3 3"]:
+def default_section_axes(ends: Float[np.ndarray, "n_beam 2 3"]) -> Float[np.ndarray, "n_beam 3 3"]:
     """Return the axes of beams without a stated `up` vector, in rows, [n_beam, 3, 3].
 
     `ends` are the positions of their ends, [n_beam, 2, 3], m.

@@ -84,7 +84,7 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
     loads = [as_list(one.loads) for one in actions]
     present = present_elements(of.structure, of.state.present)
     sums = load_resultants(of.structure, [load for some in loads for load in some], present)
-    ends = np.cumsum([len(some) for some in loads])[:-1]
+    each = np.split(sums, np.cumsum([len(some) for some in loads])[:-1])
     rows = [
         [
             *(one.name, one.kind, text),
@@ -92,9 +92,7 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
             *map(_as_float, factors[1:]),
             *("yes" if one.in_phases else None, _conditions(one)),
         ]
-        for one, text, factors, resultant in zip(
-            actions, texts, own, np.split(sums, ends), strict=True
-        )
+        for one, text, factors, resultant in zip(actions, texts, own, each, strict=True)
     ]
     columns = columns_of_rows(
         rows,

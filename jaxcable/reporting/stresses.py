@@ -82,12 +82,9 @@ def _stress_envelope_table(structure, every, kind):
             heading=heading,
             governs=not known,
         )
-    columns += envelope_columns(
-        *("used", "-", used, names, 1),
-        hidden=("in",),
-        heading="max. stress / strength",
-        governs=known,
-    )
+    most = "used", "-", used, names, 1
+    head = "max. stress / strength"
+    columns += envelope_columns(*most, hidden=("in",), heading=head, governs=known)
     return make_table(f"Stress envelope, all load steps of all {kind}s, tension positive", columns)
 
 

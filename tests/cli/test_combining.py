@@ -119,8 +119,8 @@ def test_nodes_without_active_elements_do_not_count_as_moved():
     structure = jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], bars, jc.pinned([0]))
     moved, present = [[0, 0, 0], [0, 0, 1e-3], [0, 0, 5.0]], {"stay": [1.0], "prop": [0.0]}
     largest = inputs.largest_displacement
-    assert largest(structure, moved, present) == (1e-3, "0.001 m at node 1")
-    assert largest(structure, moved, None) == (5.0, "5 m at node 2")
+    assert largest(structure, moved, present, None) == (1e-3, "0.001 m at node 1")
+    assert largest(structure, moved, None, None) == (5.0, "5 m at node 2")
 
 
 def test_checks_without_combinations_are_those_of_the_end(folder, capsys):
