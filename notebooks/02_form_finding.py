@@ -182,8 +182,8 @@ print(f"  unstressed at 25 °C {workshop[k]:.5f} m")
 
 # %% [markdown]
 # If it is given the phases, the report lists the lengths at the temperature before the first phase,
-# with the reactions at the edge and the utilization of the cables. Long tables show the governing
-# rows only; `.csv()` and `.save("net.csv")` have all rows.
+# with the reactions at the edge and the forces of the cables over their strength. Long tables show
+# the governing rows only; `.csv()` and `.save("net.csv")` have all rows.
 
 # %%
 written = jc.report(found, cooled, phases)

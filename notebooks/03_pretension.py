@@ -79,7 +79,7 @@ cases = jc.Phase(loads=jc.combine({"snow": snow, "drift": drift, "wind": wind}, 
 
 # %% [markdown]
 # Three values are extremes over all cases: the largest deflection, the smallest margin of strain
-# before a cable goes slack, and the largest utilization of the breaking force. The exact extreme
+# before a cable goes slack, and the largest share of the breaking force. The exact extreme
 # has a kink where another node or cable becomes the worst one, and a kink stops a gradient method.
 # So each is replaced by a smooth bound on the safe side.
 

@@ -149,9 +149,10 @@ def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[
 def warn_of_free_ends(
     structure: Structure, phases: Sequence[Phase], fixed: Sequence[FixedDofs]
 ) -> None:
-    """Warn of cables that end freely, unless loads of one's own act on nodes that are not known.
+    """Warn of free ends of cables and corners of nets, unless loads act on unknown nodes.
 
-    `fixed` are the fixed degrees of freedom before the first phase and in each.
+    Nodes are not known of loads of one's own. `fixed` are the fixed degrees of freedom before the
+    first phase and in each.
     """
     joined = [] if structure.rigid is None else [structure.rigid.array]
     for given in (load for phase in phases for load in as_list(phase.loads)):
@@ -161,7 +162,7 @@ def warn_of_free_ends(
             return
         joined += [nodes.array.ravel() for nodes in found if nodes is not None]
     held = [own.array[: structure.n_node] for own in fixed]
-    phase_plausibility.warn_of_free_ends(structure.named_groups(), held, joined)
+    phase_plausibility.warn_of_free_ends(structure.nodes, structure.named_groups(), held, joined)
 
 
 def check_supports(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 from argparse import Namespace
 from collections.abc import Sequence
@@ -13,8 +14,10 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.tree import copy_with
 from ..common.units import Units
 from ..design import checks, combination_rules, combinations, solve_cases
+from ..design.check import Check
 from ..design.checks import Checks
 from ..design.combinations import Combinations
 from ..design.member_checks import MemberBuckling
@@ -81,11 +84,17 @@ def solve_combinations(
 
 
 def make_checks(
-    scene: Scene, solution: Solution, cases: Solution | None, found: Combinations | None
+    scene: Scene,
+    solution: Solution,
+    cases: Solution | None,
+    found: Combinations | None,
+    chosen: Sequence[str] | None,
 ) -> Checks | None:
     """Make the checks of a scene; None if it has none, or if the analysis failed.
 
-    They are made for all combinations, or without them (None) for the end of the phases.
+    They are made for all combinations, or without them (None) for the end of the phases. Where
+    `chosen` (the option --which) leaves combinations out, checks for which none is left are not
+    made, and `Checks.not_made` names them; None if these are all.
     """
     if not scene.checks or int(solution.status) != status.OK:
         return None
@@ -96,14 +105,23 @@ def make_checks(
             else one
             for one in scene.checks
         ]
-        return checks(scene.structure, cases, rules, combinations=found)
+        assert found is not None  # with their results
+        there = {*found.limit_states, *found.rules}
+        own = [one for one in rules if chosen and isinstance(one, Check)]  # not those of standards
+        idle = {one.name: one.of for one in own if one.of and not there & {*one.of}}
+        rules = [one for one in rules if isinstance(one, str) or one.name not in idle]
+        if not rules:
+            return None
+        made = checks(scene.structure, cases, rules, combinations=found)
+        words = [f"{name}, without {' or '.join(of)}" for name, of in idle.items()]
+        return copy_with(made, not_made=(*made.not_made, *words))
     last = len(solution.phases)
     name = f"phase {last}" if scene.phase_names is None else scene.phase_names[-1]
     return checks(scene.structure, solution, scene.checks, names=[name])
 
 
 def describe_largest_values_of_cases(
-    solutions: Solution, found: Combinations, units: Units | None
+    structure: Structure, solutions: Solution, found: Combinations, units: Units | None
 ) -> list[str]:
     """Return lines on the largest displacement and the axial forces over all converged cases.
 
@@ -112,10 +130,14 @@ def describe_largest_values_of_cases(
     good = np.flatnonzero(np.asarray(solutions.status) == status.OK)
     if not len(good):
         return []
-    moved = np.linalg.norm(np.asarray(solutions.displacement)[good], axis=2)
-    case = int(moved.max(axis=1).argmax())
-    where = inputs.largest_displacement(np.asarray(solutions.displacement)[good[case]], units)[1]
-    lines = [f"largest displacement over the combinations: {where} in {found.names[good[case]]}"]
+    largest = {}
+    for k in good:
+        present = jax.tree.map(operator.itemgetter(k), solutions.present)
+        moved = solutions.displacement[k]
+        largest[k] = inputs.largest_displacement(structure, moved, present, units)
+    case = max(largest, key=lambda k: largest[k][0])
+    where = largest[case][1]
+    lines = [f"largest displacement over the combinations: {where} in {found.names[case]}"]
     forces = [np.asarray(x)[good] for x in jax.tree.leaves(solutions.peak_tension)]
     if forces:
         text = range_text(forces, "N", units)

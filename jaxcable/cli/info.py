@@ -15,7 +15,7 @@ from ..files.net_units import unit_of_net_value
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
 from ..reporting.load_descriptions import (
-    describe_action,
+    describe_actions,
     format_number,
     format_range,
     range_text,
@@ -97,10 +97,11 @@ def _print_scene(scene, stated):
     presence = make_activation(structure, phases, None)
     for number, phase in enumerate(phases, 1):
         _print_phase(number, phase, structure, presence, stated)
-    for action in scene.actions:
+    texts = describe_actions(scene.actions, structure, stated)
+    for action, text in zip(scene.actions, texts, strict=True):
         held = " (in the phases)" * action.in_phases
         print(f"action {action.name}, {action.kind}{held}")
-        print(f"  {describe_action(action, structure, stated)}")
+        print(f"  {text}")
     if scene.combination_rules is not None:
         rules = scene.combination_rules
         source = rules if isinstance(rules, str) else rules.get("source", "rules of the file")

@@ -18,7 +18,8 @@ from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
 from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
-from ..model.result_parts import named_groups_of
+from ..model.plausibility import lengths_over_nodes
+from ..model.result_parts import active_nodes, named_groups_of
 from ..model.structure import Structure
 from ..scenes import Scene
 from .guard import BadInput, refuse_value_errors
@@ -260,10 +261,7 @@ def parse_group_values(
 def element_lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
     """Return the initial lengths of the elements of each group, a list of [n_elem], m."""
     nodes = np.asarray(structure.nodes)
-    return [
-        np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
-        for group in structure.groups
-    ]
+    return [lengths_over_nodes(group, nodes) for group in structure.groups]
 
 
 def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
@@ -292,9 +290,12 @@ def number_text(value: float, unit: str, units: Units | None = None) -> str:
 
 
 def largest_displacement(
-    displacement: Float[ArrayLike, "n_node 3"], units: Units | None = None
+    structure: Structure, moved: Float[ArrayLike, "n_node 3"], present: Any, units: Units | None
 ) -> tuple[float, str]:
-    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`."""
-    moved = np.linalg.norm(np.asarray(displacement), axis=1)
-    node = int(moved.argmax())
-    return float(moved[node]), f"{number_text(float(moved[node]), 'm', units)} at node {node}"
+    """Return the largest of displacements, m, and a text such as "0.03 m at node 5" in `units`.
+
+    Nodes of which all elements are absent do not count; `present` is `Solution.present`.
+    """
+    sizes = np.linalg.norm(moved, axis=1) * active_nodes(structure, present)
+    node = int(sizes.argmax())
+    return float(sizes[node]), f"{number_text(float(sizes[node]), 'm', units)} at node {node}"

@@ -114,9 +114,10 @@ def describe_limits(
     `ends` has the `Solution` of each case by its name in words; numbers are in `units`.
     `slack_governs`: of the limits, only that no cable is slack restricts the search.
     """
+    lasts = {name: end.phases[-1] for name, end in ends.items()}
     moved = {
-        name: inputs.largest_displacement(end.phases[-1].displacement_in_phase, units)
-        for name, end in ends.items()
+        name: inputs.largest_displacement(structure, p.displacement_in_phase, p.present, units)
+        for name, p in lasts.items()
     }
     name = max(moved, key=lambda name: moved[name][0])
     reached, where = moved[name]
@@ -142,9 +143,9 @@ def describe_limits(
         most = f"{used[0]:.3g}, {used[1]}"
         if options.target is None:
             verdict = _limit_verdict(used[0] - 1.0)
-            lines.append(f"limit on the strength: utilization 1, reached {most}: {verdict}")
+            lines.append(f"limit on force / strength: 1, reached {most}: {verdict}")
         elif used[0] > 1.0 + ROUNDING:  # a target has no limits
-            lines.append(f"STRENGTH EXCEEDED: largest utilization {most}")
+            lines.append(f"STRENGTH EXCEEDED: largest force / strength {most}")
     return lines
 
 
@@ -164,22 +165,13 @@ def _describe_lowest_tension(structure, ends, lowest, options, units):
 
 def _hardly_taut(structure, ends, units):
     """Return text on the number of cables that are all but slack in any case; "" if none is."""
-    forces = np.array(
-        [
-            np.concatenate(
-                [
-                    np.where(present, np.asarray(force, float), np.nan)
-                    for force, present in zip(
-                        _limited_groups(structure, end.tension, None),
-                        present_elements(structure, end.present),
-                        strict=True,
-                    )
-                    if force is not None
-                ]
-            )
-            for end in ends.values()
-        ]
-    )
+    cases = []
+    for end in ends.values():
+        limited = _limited_groups(structure, end.tension, None)
+        pairs = zip(limited, present_elements(structure, end.present), strict=True)
+        known = [np.where(there, force, np.nan) for force, there in pairs if force is not None]
+        cases.append(np.concatenate(known))
+    forces = np.array(cases)
     most, lowest = np.nanmax(forces), np.fmin.reduce(forces)
     count = int((lowest < _HARDLY_TAUT * most).sum())
     if not count:

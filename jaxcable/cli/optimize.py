@@ -113,7 +113,7 @@ def run(options: Namespace) -> None:
         f"pretension {range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
         _describe_forces(ends, units),
         *limits,
-        _describe_movement(solution, number, shown),
+        _describe_movement(structure, solution, number, shown),
         *describe_slack_elements(structure, ends),
         *_describe_scatter(structure, best, options),
         *[_FROM_DENSITIES] * (name == "force_density"),
@@ -371,8 +371,9 @@ def _zero_rounding_errors(pretension, start):
     return np.where(np.abs(pretension) <= _NO_PRESTRESS * np.abs(start).max(), 0.0, pretension)
 
 
-def _describe_movement(solution, number, units):
+def _describe_movement(structure, solution, number, units):
     """Return a line on how far phase `number`, which has the pretension, moves the drawn form."""
-    moved = solution.phases[number].displacement_in_phase
-    _, where = inputs.largest_displacement(moved, units)
+    phase = solution.phases[number]
+    moved = phase.displacement_in_phase, phase.present
+    _, where = inputs.largest_displacement(structure, *moved, units)
     return f"the pretension moves the form in phase {number + 1} by up to {where}"

@@ -26,12 +26,10 @@ def run(options: Namespace) -> int | None:
     from .. import plots  # slow to import: matplotlib
 
     diagram = options.of in SECTION_FORCES.components
-    for name in ("sequence", "magnify", "reactions"):
-        if (diagram or options.of == _MODEL) and getattr(options, name):
-            raise BadInput(
-                f"--{name}: not for diagrams and --of {_MODEL}; give --of tension, or another "
-                "result shown as colors"
-            )
+    if diagram or options.of == _MODEL:
+        why = f"not for diagrams and --of {_MODEL}; give --of tension, or another result in colors"
+        names = "sequence", "magnify", "reactions", "one_scale"
+        inputs.refuse_options_without_effect(options, names, why)
     if options.sequence and options.reactions:
         raise BadInput("--reactions: not with --sequence")
     usual = file_names.path_beside(options.scene, ".png")
@@ -54,12 +52,12 @@ def run(options: Namespace) -> int | None:
         same = {"structure": structure, "view": options.view, "units": units}
         if diagram:
             return plots.diagram(solution, options.of, **same)
-        color = options.of
+        colors = {"color": options.of, "one_scale": options.one_scale}
         magnify = 1.0 if options.magnify is None else options.magnify
         if options.sequence:
-            return plots.sequence(solution, None, magnify, color=color, **same)
+            return plots.sequence(solution, None, magnify, **colors, **same)
         reactions = options.reactions
-        return plots.net(solution, None, magnify, color=color, reactions=reactions, **same)
+        return plots.net(solution, None, magnify, reactions=reactions, **colors, **same)
 
     solution, figure = solve_and_show(options, draw)
     if figure is None:

@@ -6,6 +6,7 @@ import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..analysis.solution import Solution
 from ..common import status
@@ -13,6 +14,7 @@ from ..common.units import Units
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
+from ..model.structure import Structure
 from ..reporting import report
 from ..reporting.load_descriptions import range_text
 from ..reporting.result_report import require_writer
@@ -43,13 +45,10 @@ def run(options: Namespace) -> int | None:
         outputs.check_suffix(path, outputs.REPORTS, "--report")
         with refuse_value_errors("--report"):
             require_writer(path)
-    results = [
-        file for path in options.save for file in file_names.files_to_write(path, file_names.RESULT)
-    ]
-    reports = [
-        file for path in report_paths for file in file_names.files_to_write(path, file_names.REPORT)
-    ]
-    require_writable(options.plot, *results, *reports, inputs=[options.scene])
+    paths: list[tuple[str, Any]] = [(path, file_names.RESULT) for path in options.save]
+    paths += [(path, file_names.REPORT) for path in report_paths]
+    files = [file for pair in paths for file in file_names.files_to_write(*pair)]
+    require_writable(options.plot, *files, inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = inputs.shown_units(options, scene), scene
     combinations = combine_actions(options, scene)
@@ -63,7 +62,7 @@ def run(options: Namespace) -> int | None:
             combinations = None
         elif combinations is not None:
             cases = solve_combinations(options, structure, phases, combinations, method)
-        checks = make_checks(scene, solution, cases, combinations)
+        checks = make_checks(scene, solution, cases, combinations, options.which)
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = bool(options.report) and not staged
@@ -81,16 +80,18 @@ def run(options: Namespace) -> int | None:
         )
     notes = [_STAGED] if options.report and staged else []
     if scene.checks and checks is None:
-        notes.append("NOT CHECKED, because the analysis failed")
+        failed = int(solution.status) != status.OK
+        why = "the analysis failed" if failed else "no combination of --which counts for a check"
+        notes.append(f"NOT CHECKED, because {why}")
     findings = replace(findings, summary=(*findings.summary, *notes))
     # before anything is printed, because the reader of a pipe may end
     wrote = _write_files(options, structure, solution, findings, cases, combinations)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if "-" in options.report else "\n".join(findings.summary))
     largest = [] if checks is None else str(checks).splitlines()
-    largest += describe_largest_values(solution, units)
+    largest += describe_largest_values(structure, solution, units)
     if combinations is not None and cases is not None:
-        largest += describe_largest_values_of_cases(cases, combinations, units)
+        largest += describe_largest_values_of_cases(structure, cases, combinations, units)
     print("\n".join([*largest, *(f"wrote {path}" for path in wrote)]))
     if (
         combinations is not None
@@ -158,7 +159,9 @@ def _summary_without_cause(summary, solution):
     return (f"status {code}: the analysis failed in phase {failed[0]}", *summary[1:])
 
 
-def describe_largest_values(solution: Solution, units: Units | None = None) -> list[str]:
+def describe_largest_values(
+    structure: Structure, solution: Solution, units: Units | None = None
+) -> list[str]:
     """Return lines on the largest displacements, of the last phase and of all, and axial forces.
 
     Numbers are in `units`, None for SI.
@@ -171,9 +174,8 @@ def describe_largest_values(solution: Solution, units: Units | None = None) -> l
         total = f"from the start (phases 1 to {last})"
         alone = solution.phases[-1].displacement_in_phase
         parts = {f"in phase {last} alone": alone, total: solution.displacement}
-    moved = [
-        f"largest displacement {name}: {inputs.largest_displacement(moved, units)[1]}"
-        for name, moved in parts.items()
-    ]
+    known = solution.present, units
+    found = {k: inputs.largest_displacement(structure, x, *known)[1] for k, x in parts.items()}
+    moved = [f"largest displacement {name}: {text}" for name, text in found.items()]
     forces = range_text(solution.peak_tension, "N", units)
     return [*moved, f"final axial forces: {forces}"]

@@ -252,15 +252,18 @@ def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int
 def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
+    Results of `design.tune` also fail if a target is missed, although their status is 0 (OK) then.
+
     Args:
-        solution: a result with a status: `Solution`, results of form finding, `minimize`, `fit`.
+        solution: a result with a status: `Solution`, results of form finding, `minimize`, `fit`,
+            `tune`.
         names: of the cases of a batch, such as ``combinations.names``: the message names the case
             that has failed first, in place of its number.
 
     Raises:
         AnalysisError: the result has failed. For an analysis the message names the phase (from 1),
             the increment, its load factor, the residual in newtons (unless it is zero, as where no
-            step was possible) and what to try.
+            step was possible) and what to try. For missed targets it names them, with `remarks`.
         ValueError: `solution` has no status, or is being traced: a status is known outside of jit
             only; another number of names than cases.
 
@@ -289,6 +292,8 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
             f"names: expected a name for each case of a batch; the status has shape {status.shape}"
         )
     if (status == OK).all():
+        if missed := getattr(solution, "targets_missed", ""):
+            raise AnalysisError("; ".join((missed, *solution.remarks)))
         return
     case = tuple(int(i) for i in np.argwhere(status != OK)[0])
     prefix = f"case {case if len(case) > 1 else case[0]}: " if case else ""

@@ -37,7 +37,7 @@ def summarize(obj: Any) -> str:
                 parts.append(f"{key} {text} {unit}".strip())
         head = _describe_status(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
         # what a status leaves open, such as targets that are missed
-        head = "; ".join(filter(None, (head, getattr(obj, "_status_note", ""))))
+        head = "; ".join(filter(None, (head, getattr(obj, "targets_missed", ""))))
         return _fold_lines(f"{name}: {head}" if head else name, parts)
     except Exception:  # a text of an object must not add an error to another one
         return f"{name}(...)"

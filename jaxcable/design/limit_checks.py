@@ -222,7 +222,7 @@ class DisplacementLimit(Check):
             begin = 0.0 if self.since is None else self.since.displacement
             moved = solution.displacement - begin
         nodes = self._node_numbers(structure)
-        moved, active = moved[nodes], jnp.asarray(active_nodes(structure, solution))[nodes]
+        moved, active = moved[nodes], jnp.asarray(active_nodes(structure, solution.present))[nodes]
         fixed = solution.last.fixed[-1].array
         is_loose = jnp.asarray(loose_nodes(structure, solution, fixed))[nodes]
         if self.direction is None:

@@ -231,11 +231,12 @@ def envelope(
 def utilization(
     structure: Structure, tension: ElementResults | PyTree[Float[ArrayLike, "... n_elem"] | None]
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
-    """Compute the utilization of elements: axial force over breaking strength, -.
+    """Compute force over breaking force of elements, -, which reports call force / strength.
 
-    It is ``N / strength`` of cables, and ``|N| / strength`` of other elements. Compression is
-    compared with the strength alone, without buckling: `stiffness.buckling_factor` and `trace_path`
-    show how far a state is from that. Of beams only the axial force counts (`fibre_stress` includes
+    The utilization of `checks` is another one, by resistances with partial factors. This one is
+    ``N / strength`` of cables, and ``|N| / strength`` of other elements. Compression is compared
+    with the strength alone, without buckling: `stiffness.buckling_factor` and `trace_path` show how
+    far a state is from that. Of beams only the axial force counts (`fibre_stress` includes
     bending).
 
     Args:

@@ -56,7 +56,8 @@ class Tuned:
         without_influence: True for values on which no target depends, to rounding, a list like
             `values`; they are as in the given phases.
         status: status code of the search, 0 (OK) if it has converged, also where the least squares
-            miss targets: look at `met`. `describe` has the texts.
+            miss targets: look at `met`, or call `raise_if_failed`, which raises then, too.
+            `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
         remarks: sentences on what an engineer should look at, a tuple of str, empty under jit and
             vmap: values that ended at a default bound (see `tune`); targets that are missed, and by
@@ -97,8 +98,8 @@ class Tuned:
         return self.solution.stable
 
     @property
-    def _status_note(self) -> str:
-        """Which targets are missed, for `repr`."""
+    def targets_missed(self) -> str:
+        """Which targets are missed, such as "targets missed: number 0", or ""."""
         missed = [str(k) for k, met in enumerate(self.met) if not np.all(np.asarray(met))]
         return f"targets missed: number {', '.join(missed)}" if missed else ""
 

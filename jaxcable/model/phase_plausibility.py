@@ -35,6 +35,13 @@ MAX_LOAD_STRAIN = 0.5
 _DEEP = 4.0
 """Sag over the distance of the ends above which a loop is most likely given in other units."""
 
+_ONE_SIDE = 0.45
+"""Cosine of the angle between a cable and the mean of those at its node from which all of them pull
+to one side: corners of nets up to 120 degrees do, flat kinks of chains and edges do not."""
+
+_HANGS = 0.7
+"""Upward part of the mean direction of cables above which their node hangs by them."""
+
 _UNITS = f"check the units: stiffness and forces in N, areas in m2, moduli in Pa; {STATE_UNITS}"
 
 
@@ -186,39 +193,53 @@ def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
 
 @issues_warnings
 def warn_of_free_ends(
-    named: NamedGroups, fixed: Sequence[FixedDofs], joined: Sequence[Int[np.ndarray, " n"]]
+    nodes: Float[ArrayLike, "n_node 3"],
+    named: NamedGroups,
+    fixed: Sequence[FixedDofs],
+    joined: Sequence[Int[np.ndarray, " n"]],
 ) -> Iterator[str]:
-    """Warn of nodes without support and load at which one cable ends, and nothing else is joined.
+    """Warn of nodes without support and load that cables alone hold, all of them from one side.
 
-    Such a cable has no tension but that from loads along it. Most likely a support is missing.
+    Such cables can have no tension. Most likely a support is missing: at the end of a cable, or at
+    a corner of a net. Several cables that hold a node from above are not meant: it hangs there.
 
     Args:
+        nodes: initial positions, [n_node, 3], m.
         named: pairs of (key in the elements as text, group).
         fixed: True where a degree of freedom is held, [n_node, 3 or 6], at the start and by phase.
         joined: arrays of nodes that loads act on, or that rigid links join.
     """
-    count = np.zeros(len(fixed[0]), int)
-    for _, group in named:
-        count += np.bincount(group.links.array.ravel(), minlength=len(count))
-    free = count == 1
-    for held in fixed:
-        free &= ~held[:, :3].any(axis=1)
-    if not free.any():
+    free, at = ~np.any([held[:, :3].any(axis=1) for held in fixed], axis=0), array_or_none(nodes)
+    cables = [(where, g) for where, g in named if g.tension_only and g.face is None]
+    others = [g.links.array for _, g in named if not g.tension_only or g.face is not None]
+    for touched in (*joined, *others):
+        free[touched.ravel()] = False
+    if at is None or not cables or not free.any():
         return
-    for nodes in joined:
-        free[nodes] = False
-    for where, group in named:
-        ends = group.links.array[:, [0, -1]]
-        single = free[ends] & group.tension_only & (group.face is None)
-        if single.any():
-            k, side = np.argwhere(single)[0]
-            more = int(single.sum()) - 1
-            others = f" (and {more} more of this group)" if more else ""
+    chains = [group.links.array for _, group in cables]
+    ends = np.concatenate([np.stack([c[:, :-1], c[:, 1:]], -1).reshape(-1, 2) for c in chains])
+    node, other = np.concatenate([ends, ends[:, ::-1]]).T
+    pull = at[other] - at[node]
+    pull = pull / np.linalg.norm(pull, axis=1)[:, None]
+    total = np.stack([np.bincount(node, along, len(at)) for along in pull.T], axis=1)
+    total = total / np.linalg.norm(total, axis=1)[:, None]
+    count = np.bincount(node, minlength=len(at))
+    free[node[~(np.sum(pull * total[node], axis=1) > _ONE_SIDE)]] = False
+    free &= (count == 1) | ((count > 1) & (total[:, 2] < _HANGS))
+    for where, group in cables:
+        alone = free[group.links.array]
+        if alone.any():
+            k, side = np.argwhere(alone)[0]
+            first = group.links.array[k, side]
+            what = "the free end" if count[first] == 1 else "a free corner"
+            more = len(np.unique(group.links.array[alone])) - 1
             yield (
-                f"nodes[{ends[k, side]}] is the free end of elements{where}.links[{k}]{others}: no "
-                "phase supports it or has a load on it, so that the cable can have no tension; is "
-                "a support or a joint missing? If the cable hangs there freely, ignore this warning"
+                f"nodes[{first}] is {what} of elements{where}.links[{k}]"
+                f"{f' (and {more} more of this group)' if more else ''}: no phase supports it or "
+                f"has a load on it, so that cables there can have no tension; "
+                "is a support or a joint missing? If it hangs there freely, ignore this warning"
             )
+            free[group.links.array[alone]] = False
 
 
 @issues_warnings

@@ -72,14 +72,16 @@ def present_elements(
     return [as_numpy_if_known(found) > 0 for found in items_per_group(structure, present)]
 
 
-def active_nodes(structure: Structure, state: Any) -> Bool[np.ndarray, " n_node"]:
+def active_nodes(
+    structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
+) -> Bool[np.ndarray, " n_node"]:
     """Return which nodes have an active element, or no element at all, [n_node] bool.
 
-    `state` is a `State`, `PhaseResult` or `Solution` with its results.
+    `present` is `ElementResults.present`, above 0 for active elements; None: all are active.
     """
-    present = present_elements(structure, state.present)
     known = structure.groups, structure.n_node, structure.rigid
-    return nodes_with_elements(*known, present) | ~nodes_with_elements(*known)
+    active = nodes_with_elements(*known, present_elements(structure, present))
+    return active | ~nodes_with_elements(*known)
 
 
 def loose_nodes(

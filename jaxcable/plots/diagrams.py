@@ -23,23 +23,16 @@ from ..model.result_parts import end_nodes
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
 from ..results.interpolation import interpolate_recorded_forces
-from .element_curves import (
-    PLACES,
-    Links,
-    hermite_cubic,
-    picture_lines,
-    select_lines,
-)
+from .element_curves import PLACES, Links, hermite_cubic, picture_lines, select_lines
 from .element_forces import values_by_group
 from .layout import arrange_pictures, finish_layout
 from .ordinates import (
-    choose_values_to_write,
     default_section_axes,
     keep_inside,
     positive_side_directions,
     side_directions_in_picture,
     view_of_ordinates,
-    write_values,
+    write_largest_values,
 )
 from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SERIES, finish_figure, quantity_unit
@@ -186,7 +179,7 @@ class ForceDiagrams:
         self._factor, self.unit = quantity_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
         self._tips = [each.value_tips(view, scale) for each in self._along]
-        self._labels = most, apart, least * self.largest
+        self._labels = apart, most, least * self.largest
 
     def points(self) -> Float[np.ndarray, "n 3"]:
         """Return the ends of the ordinates of all values in all pictures, [n, 3], m."""
@@ -196,15 +189,15 @@ class ForceDiagrams:
         """Draw picture `number`: elements, areas between beams and values, the largest numbers."""
         along, tips, view = self._along[number], self._tips[number], self.view
         along.draw(axes, view, self.links, tips)
-        most, apart, least = self._labels
-        written = choose_values_to_write(tips, along.values, apart * along.extent, most, least)
-        write_values(axes, view, written, self._factor)
+        apart, *others = self._labels
+        limits: Any = apart * along.extent, *others
+        write_largest_values(axes, view, (along.base, tips), along.values, self._factor, limits)
 
     def legend(self) -> list[Any]:
         """Return legend entries for the colors of positive and of negative values that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
         return [
-            Patch(color=_COLORS[name], alpha=0.6, label=f"{self.component} {name}")
+            Patch(color=_COLORS[name], alpha=0.6, label=f"{self.component} {name} ({self.unit})")
             for name, sign in signed
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
@@ -224,6 +217,7 @@ class _BeamForces:
 
     Attributes:
         values: at places along the beams, [n_beam, n_place], N or N m; zero where it is rounding.
+        base: these places, on the axes of the beams, [n_beam, n_place, 3], m.
         largest: size of the largest value.
         extent: largest side of the bounding box of the structure, m.
 
@@ -248,11 +242,11 @@ class _BeamForces:
         self.extent = float(np.ptp(snapshot.points(), axis=0).max())
         self._chord = positions[ends]
         part = places[:, None]
-        self._base = (1 - part) * self._chord[:, :1] + part * self._chord[:, 1:]
+        self.base = (1 - part) * self._chord[:, :1] + part * self._chord[:, 1:]
         axes = default_section_axes(self._chord)
         if curves is not None and np.isin(number, curves.element[: len(curves.axes)]).all():
             rows = curves.indices_of_elements(number)
-            self._base = self._base + hermite_cubic(curves.bend[rows], places)
+            self.base = self.base + hermite_cubic(curves.bend[rows], places)
             axes = curves.axes[rows]
         self._sides = positive_side_directions(axes, self._chord, of)
 
@@ -266,7 +260,7 @@ class _BeamForces:
         `scale` is the length of an ordinate over its value, m/N or 1/N.
         """
         sides = side_directions_in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
-        return self._base + scale * self.values[..., None] * sides[:, None]
+        return self.base + scale * self.values[..., None] * sides[:, None]
 
     def draw(
         self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
@@ -277,7 +271,7 @@ class _BeamForces:
         every = picture_lines(view, shown.positions, links, shown.curves)
         plain = select_lines(every, shown.forces.present[links[1]])
         view.add_lines(axes, plain, colors=GHOST, linewidths=1.0, zorder=1)
-        base, top = view.project(self._base), view.project(tips)
+        base, top = view.project(self.base), view.project(tips)
         view.add_lines(axes, base, colors=INK, linewidths=1.4, zorder=4)
         view.add_lines(axes, top, colors=INK, linewidths=0.7, zorder=3)
         quads = np.stack([base[:, :-1], base[:, 1:], top[:, 1:], top[:, :-1]], axis=2)
@@ -308,13 +302,9 @@ def _places_with_jumps(end, count):
 
 
 def forces_along_beams(
-    parts: Sequence[GroupTopology],
-    end: State | PhaseResult,
-    places: Float[np.ndarray, " n_place"],
+    parts: Sequence[GroupTopology], end: State | PhaseResult, places: Float[np.ndarray, " n_place"]
 ) -> tuple[
-    Float[np.ndarray, "n_beam n_place 6"],
-    Int[np.ndarray, "n_beam 2"],
-    Int[np.ndarray, " n_beam"],
+    Float[np.ndarray, "n_beam n_place 6"], Int[np.ndarray, "n_beam 2"], Int[np.ndarray, " n_beam"]
 ]:
     """Return section forces at places along all beams.
 

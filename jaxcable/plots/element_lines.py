@@ -40,6 +40,7 @@ class ColorScale:
     Args:
         forces: `ElementForces` of the pictures, or `ColoredValues`.
         units: `Units` of the numbers; None for SI, of which forces are in N, kN or MN.
+        one_scale: whether colors are forces in any case.
 
     Attributes:
         factor: factor from the values to the numbers of texts and, but for shares, the color bar.
@@ -48,7 +49,12 @@ class ColorScale:
         look: color map and norm, as arguments of matplotlib's collections.
     """
 
-    def __init__(self, forces: Sequence[ElementForces | ColoredValues], units: Units | None = None):
+    def __init__(
+        self,
+        forces: Sequence[ElementForces | ColoredValues],
+        units: Units | None = None,
+        one_scale: bool = False,
+    ):
         color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
@@ -59,7 +65,7 @@ class ColorScale:
         if color == "utilization":
             # the bar is from 0 to 100 % whatever occurs; what is more has another color, named
             # with a margin for rounding: a force that has been brought to the strength is not over
-            self.factor, self.label = 100.0, "utilization: force / breaking force (%)"
+            self.factor, self.label = 100.0, "force / breaking force (%)"
             if high > 1.0 + _REACHED:
                 cmap.colorbar_extend = "max"
                 self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"
@@ -72,7 +78,8 @@ class ColorScale:
                 self.name, signed = "axial force", ", tension positive"
             self.label = f"{self.name} ({self.unit})".removesuffix(" ()") + signed
             low, high = self.factor * low, self.factor * high
-            self._ranges = _swamped_ranges(forces) if color == "tension" else None
+            by_group = color == "tension" and not one_scale
+            self._ranges = _swamped_ranges(forces) if by_group else None
             if self._ranges is not None:
                 self._labels = forces[0].labels
                 self.label, low, high = f"{self.name}, % of the largest of its group", 0.0, 100.0
@@ -138,13 +145,7 @@ class ElementLines:
         scale: `ColorScale` of the colors.
     """
 
-    def __init__(
-        self,
-        axes: Axes,
-        view: View,
-        snapshots: Snapshots,
-        scale: ColorScale,
-    ):
+    def __init__(self, axes: Axes, view: View, snapshots: Snapshots, scale: ColorScale):
         self.view, self.faces, self.scale = view, snapshots.faces, scale
         lines = ~np.isin(snapshots.links[1], self.faces[1])  # faces are drawn with their edges
         self.links = snapshots.links[0][lines], snapshots.links[1][lines]

@@ -31,12 +31,11 @@ from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
 from .nets import round_magnification
 from .ordinates import (
-    choose_values_to_write,
     default_section_axes,
     keep_inside,
     positive_side_directions,
     side_directions_in_picture,
-    write_values,
+    write_largest_values,
 )
 from .style import GHOST, INK, SERIES, finish_figure, format_value, quantity_unit
 from .symbols import draw_supports, support_legend
@@ -246,10 +245,8 @@ def _draw_section_force(stage, envelope, of, high):
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
-    written = choose_values_to_write(
-        every[0], np.nan_to_num(every[1]), _APART * stage.extent, _LABELS, 0.0
-    )
-    write_values(axes, stage.view, written, factor)
+    ordinates, limits = (np.tile(base, (2, 1, 1)), every[0]), (_APART * stage.extent, _LABELS, 0.0)
+    write_largest_values(axes, stage.view, ordinates, np.nan_to_num(every[1]), factor, limits)
     return figure, handles, slots, (None, "")
 
 
@@ -330,16 +327,9 @@ def _draw_element_values(stage, envelope, of):
             )
     group = np.repeat(np.arange(len(groups)), [len(one.links) for one in groups])
     labels = [label for label, _ in named_groups_of(structure)]
-    values = {
-        side: ColoredValues(
-            concatenate_values(getattr(envelope, side)[of], groups),
-            of,
-            _UNITS.get(of, ""),
-            group,
-            labels,
-        )
-        for side in _SIDES
-    }
+    every = {side: concatenate_values(getattr(envelope, side)[of], groups) for side in _SIDES}
+    look = of, _UNITS.get(of, ""), group, labels
+    values = {side: ColoredValues(own, *look) for side, own in every.items()}
     extremes = _extremes(envelope, of)
     scale = ColorScale(list(values.values()), stage.units)
     titles = [f"{word} {scale.name}" for word, _ in _SIDES.values()]

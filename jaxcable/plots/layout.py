@@ -131,14 +131,8 @@ def _place_legend(figure, handles, width):
         return 0.0
     fold_labels(handles, width - 2 * _GAP)
     for columns in range(min(4, len(handles)), 0, -1):
-        legend = figure.legend(
-            handles=handles,
-            loc="lower center",
-            ncols=columns,
-            fontsize=SIZE,
-            borderaxespad=0.4,
-            **LEGEND,
-        )
+        look: Any = {"loc": "lower center", "fontsize": SIZE, "borderaxespad": 0.4, **LEGEND}
+        legend = figure.legend(handles=handles, ncols=columns, **look)
         size = legend.get_window_extent()
         if columns == 1 or size.width / figure.dpi <= width - 2 * _GAP:
             return size.height / figure.dpi + 0.12

@@ -120,19 +120,10 @@ def _write_numbers(axes, stage):
             shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
     at = _in_picture(axes, stage.view, np.array(places))
     kept = _apart(axes, at, texts, SIZE * np.array(shifts))
+    look: Any = {"ha": "center", "va": "center", "zorder": 9, "path_effects": _HALO}
+    look |= {"textcoords": "offset points", "annotation_clip": False}
     for k in np.flatnonzero(kept):
-        axes.annotate(
-            texts[k],
-            at[k],
-            SIZE * np.array(shifts[k]),
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            color=colors[k],
-            zorder=9,
-            path_effects=_HALO,
-            annotation_clip=False,
-        )
+        axes.annotate(texts[k], at[k], SIZE * np.array(shifts[k]), color=colors[k], **look)
     return int((~kept).sum())
 
 

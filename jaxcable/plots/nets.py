@@ -34,6 +34,7 @@ def net(
     magnify: float | None = 1.0,
     *,
     color: str = "tension",
+    one_scale: bool = False,
     structure: Structure | None = None,
     state: State | None = None,
     phase: int | None = None,
@@ -78,6 +79,8 @@ def net(
               100 % and red above; needs `structure`;
             - another name in ``solution.element_results``, followed by a place and a component if
               the result has several: ``skin_stress top xx``.
+        one_scale: whether colors are forces in one scale for all groups. Otherwise they are shares
+            of the largest force of each group where many forces are small beside those of others.
         structure: the `Structure` that was analysed. It says which elements are cables, which
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.
@@ -138,7 +141,7 @@ def net(
     for number, (_, tips) in enumerate(sections):
         points[number] = np.concatenate([points[number], tips.reshape(-1, 3)])
     forces = [stage.now.forces for stage in stages]
-    scale = ColorScale(forces, stated)
+    scale = ColorScale(forces, stated, one_scale)
     titles = [stage.title for stage in stages]
     titles[0] += f": {views[0].kind}" if views[0].flat else ""
     figure, slots = arrange_pictures(views, points, titles)

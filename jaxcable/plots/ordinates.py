@@ -17,14 +17,43 @@ _UPRIGHT = 2.0  # height over width of all beams from which on they are seen in 
 _LEAST = 0.05  # of the largest value: less is not written
 
 
-def write_values(
-    axes: Any, view: View, written: Sequence[tuple[Float[np.ndarray, " 3"], float]], factor: float
+def write_largest_values(
+    axes: Any,
+    view: View,
+    ordinates: Sequence[Float[np.ndarray, "n_beam n_place 3"]],
+    values: Float[np.ndarray, "n_beam n_place"],
+    factor: float,
+    limits: tuple[float, int, float],
 ) -> None:
-    """Write values, times a factor, at their positions, m: pairs of both."""
+    """Write the largest values of ends and extremes, not too close together, beside their tips.
+
+    Args:
+        axes, view: of the picture.
+        ordinates: bases and tips of the ordinates, m.
+        values: of all ordinates, N or N m; texts have these times `factor`.
+        limits: least distance of written values, m, their largest number, and their least size.
+    """
+    apart, most, least = limits
     halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
-    look: Any = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
-    for place, value in written:
-        axes.text(*view.project(place), format_value(factor * value), **look)
+    look: Any = {"color": INK, "zorder": 9, "path_effects": halo}
+    beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
+    at = np.stack(
+        [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]
+    )
+    bases, tips = (own[beam, at].reshape(-1, 3) for own in ordinates)
+    found = values[beam, at].ravel()
+    kept: list[int] = []
+    for k in np.argsort(-np.abs(found)):
+        if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
+            break
+        if all(np.linalg.norm(tips[k] - tips[j]) > apart for j in kept):
+            kept.append(int(k))
+            place = view.project(tips[k])
+            across, up = (place - view.project(bases[k]))[:2] if view.flat else (0.0, 0.0)
+            beside = abs(across) > abs(up)
+            look["ha"] = ("left" if across > 0 else "right") if beside else "center"
+            look["va"] = "center" if beside or not up else "bottom" if up > 0 else "top"
+            axes.text(*place, format_value(factor * float(found[k])), **look)
 
 
 def keep_inside(axes: Any) -> None:
@@ -55,9 +84,7 @@ def positive_side_directions(
     return side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
 
 
-def default_section_axes(
-    ends: Float[np.ndarray, "n_beam 2 3"],
-) -> Float[np.ndarray, "n_beam 3 3"]:
+def default_section_axes(ends: Float[np.ndarray, "n_beam 2 3"]) -> Float[np.ndarray, "n_beam 3 3"]:
     """Return the axes of beams without a stated `up` vector, in rows, [n_beam, 3, 3].
 
     `ends` are the positions of their ends, [n_beam, 2, 3], m.
@@ -106,29 +133,3 @@ def view_of_ordinates(
     along = along * (-1.0 if along @ [1.0, 1e-3] < 0 else 1.0)
     along = np.where(np.abs(along) < 1e-9, 0.0, along)
     return View("elevation", np.append(along, 0.0), False, view.units)
-
-
-def choose_values_to_write(
-    tips: Float[np.ndarray, "n_beam n_place 3"],
-    values: Float[np.ndarray, "n_beam n_place"],
-    apart: float,
-    most: int,
-    least: float,
-) -> list[tuple[Float[np.ndarray, " 3"], float]]:
-    """Choose the values to write: the largest of ends and extremes, not too close together.
-
-    `tips` are the ends of the ordinates, m; `apart` is the least distance of written values, m,
-    `most` their largest number and `least` their least size. Return pairs: position, m, and value.
-    """
-    beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
-    at = np.stack(
-        [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]
-    )
-    places, found = tips[beam, at].reshape(-1, 3), values[beam, at].ravel()
-    kept: list[int] = []
-    for k in np.argsort(-np.abs(found)):
-        if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
-            break
-        if all(np.linalg.norm(places[k] - places[j]) > apart for j in kept):
-            kept.append(int(k))
-    return [(places[k], float(found[k])) for k in kept]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -68,34 +69,27 @@ def for_report(
         return {}
     profile = np.zeros((0, 3)) if ground is None else np.asarray(ground, float).reshape(-1, 3)
     heights = _factor_on_heights(structure, solution, profile)
+    look: Any = {"units": units, "heights": heights}
+    ends = "the first and the last phase" if len(solution.phases) > 1 else "the phase"
     found = {
-        "Structure: groups, nodes and elements": model(structure, units=units, heights=heights),
-        "Forces at the end of the first and the last phase": net(
-            solution, structure=structure, units=units, ground=ground, heights=heights
-        ),
+        "Structure: groups, nodes and elements": model(structure, **look),
+        f"Forces at the end of {ends}": net(solution, structure=structure, ground=ground, **look),
     }
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
         return found
     extremes = envelope(structure, cases, names, places=_PLACES)
     found["Displacements in all cases"] = envelope_diagram(
-        structure, extremes, "displacement", solutions=cases, units=units, heights=heights
+        structure, extremes, "displacement", solutions=cases, **look
     )
-    found["Axial forces: largest and smallest over all cases"] = envelope_diagram(
-        structure, extremes, "tension", units=units, heights=heights
-    )
+    forces = envelope_diagram(structure, extremes, "tension", **look)
+    found["Axial forces: largest and smallest over all cases"] = forces
     governing = _case_of_largest_utilization(structure, cases)
     if governing is not None:
         case = jax.tree.map(lambda x: np.asarray(x)[governing], cases)
         name = extremes.names[governing]
-        found[f"Force over breaking force in {name}, where it is largest"] = net(
-            case,
-            color="utilization",
-            structure=structure,
-            loads=False,
-            names=[name] if len(case.phases) == 1 else None,
-            heights=heights,
-            units=units,
-        )
+        look |= {"loads": False, "names": [name] if len(case.phases) == 1 else None}
+        used = net(case, color="utilization", structure=structure, **look)
+        found[f"Force over breaking force in {name}, where it is largest"] = used
     for kind in KINDS:
         worth = _WORTH * largest_size(extremes, kind)
         for name in kind:

@@ -17,6 +17,7 @@ from .diagrams import ForceDiagrams
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
 from .nets import StagePicture
+from .ordinates import keep_inside
 from .snapshots import Snapshots
 from .style import finish_figure
 from .symbols import draw_supports, support_legend
@@ -36,6 +37,7 @@ def sequence(
     magnify: float = 1.0,
     *,
     color: str = "tension",
+    one_scale: bool = False,
     diagram: str | None = None,
     high: float = _HIGH,
     structure: Structure | None = None,
@@ -61,7 +63,7 @@ def sequence(
             with beams it is always that of the input, as rotations are known from there only.
 
     Options:
-        color, structure: as of `net`.
+        color, one_scale, structure: as of `net`.
         diagram: "N", "Vy", "Vz", "T", "My" or "Mz": draw this section force on the beams instead of
             colors, as `diagram` does, in one scale for all phases.
         high: length of the largest value of a `diagram` over the extent of the structure.
@@ -91,7 +93,7 @@ def sequence(
     stages = _stages_of_phases(snapshots, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose_view(everything, view, units=stated or SI)
-    content: Any = _ColoredElementPictures(stages, snapshots, seen, stated)
+    content: Any = _ColoredElementPictures(stages, snapshots, seen, stated, one_scale)
     if diagram is not None:
         instants = [stage.now for stage in stages]
         content = ForceDiagrams(
@@ -116,14 +118,14 @@ def sequence(
         if supports:
             draw_supports(axes, seen, stage.now.positions, held[number])
     handles = content.legend()
-    if diagram is not None:  # what the numbers are
-        handles.insert(0, Line2D([], [], linestyle="", label=f"{diagram} ({content.unit})"))
     if supports:
         handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
     bar, label = content.color_bar()
     finish_layout(figure, slots, bar, label, handles, columns if seen.flat else None)
+    for axes in figure.axes[:count]:
+        keep_inside(axes)
     return finish_figure(figure, path)
 
 
@@ -150,13 +152,13 @@ def _stages_of_phases(snapshots, magnify):
 class _ColoredElementPictures:
     """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
 
-    It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, and `Units`
-    or None.
+    It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, `Units` or
+    None, and whether colors have one scale for all groups.
     """
 
-    def __init__(self, stages, snapshots, view, units):
+    def __init__(self, stages, snapshots, view, units, one_scale):
         self.stages, self.snapshots, self.view = stages, snapshots, view
-        self.scale = ColorScale([stage.now.forces for stage in stages], units)
+        self.scale = ColorScale([stage.now.forces for stage in stages], units, one_scale)
 
     def draw(self, axes, number):
         """Draw picture `number`: the elements, and behind them dashed those of the phase before."""

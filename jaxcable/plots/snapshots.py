@@ -225,18 +225,9 @@ class Snapshots:
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
         fixed, on_ground = supported_nodes(self.parts, forces.present, fixed)
-        within = (
-            self._curves.initial_positions,
-            displacement,
-            element_results,
-            forces,
-            fixed,
-            self._rotates,
-            on_ground,
-            curves,
-            end,
-        )
-        return Snapshot(*place, *within)
+        motion = self._curves.initial_positions, displacement
+        supports = fixed, self._rotates, on_ground
+        return Snapshot(*place, *motion, element_results, forces, *supports, curves, end)
 
     def state_to_draw(self, state: State | None, phase: int | None = None) -> State:
         """Return the `State` to draw: `state`, else the end of `phase`, else of the solution.

@@ -62,6 +62,7 @@ def view(
         structure: the `Structure` that was analysed. Without it every element is straight, there
             is no utilization, and elements with zero tension are drawn as slack.
         color: values that color elements when the page opens, as for `net`; it offers the others.
+            They have one scale for all groups and phases, or for all groups in the phase shown.
         title: title of the page.
         names: names of the phases, one for each, as of `net`.
         frames: largest number of increments in the page, taken evenly from all of them; the ends

@@ -20,14 +20,13 @@ from .states import ReportedAnalysis
 from .table import Column, Table, columns_of_rows, make_table
 
 BUCKLING = (
-    "utilization in compression: force / strength; buckling is not checked here, see "
-    "stiffness.buckling_factor"
+    "force / strength in compression: buckling is not checked here, see stiffness.buckling_factor"
 )
 _FORCE, _LOWEST, _HIGHEST, _USED, _MOST = 4, 5, 7, 9, 10  # columns of the table
 
 
 def axial_force_table(of: ReportedAnalysis) -> Table:
-    """Return the table of axial force, utilization and envelope of every element.
+    """Return the table of axial force, force / strength and envelope of every element.
 
     Forces are the largest along each element, `peak_tension`.
     """
@@ -48,14 +47,14 @@ def axial_force_table(of: ReportedAnalysis) -> Table:
     most = envelope_columns(
         *("most used", "-", ratios, names, 1),
         hidden=("in", *hidden),
-        heading="max. utilization",
+        heading="max. force / strength",
         governs=known,
     )
     columns = [
         *element_columns(structure, kept),
         Column("force", "N", force, "final force", governs=not known),
         *(column for pair in extremes for column in pair),
-        Column("used", "-", ratio, "utilization"),
+        Column("used", "-", ratio, "force / strength"),
         *most,
     ]
     notes = _strength_notes(structure, kept, rated, np.vstack([force, over]))
@@ -82,7 +81,7 @@ def _utilizations(structure, result, kept):
 
 
 def _strength_notes(structure, kept, rated, forces):
-    """Return the notes on utilization, a list: how it is defined, and what it leaves out.
+    """Return the notes on force / strength, a list: how it is defined, and what it leaves out.
 
     It leaves out buckling, if elements with a strength are compressed, and bending, if the
     structure has beams. Without any strength a single note says so.
@@ -90,24 +89,24 @@ def _strength_notes(structure, kept, rated, forces):
     Args:
         structure: `Structure`.
         kept: indices of the groups in the table.
-        rated: whether each element has a utilization in any state, [n].
+        rated: whether each element has a strength in any state, [n].
         forces: axial forces of the elements in the table, [n_state, n], N.
     """
     if not rated.any():
-        return ["no group has a strength: no utilization"]
-    notes = ["utilization: force / breaking force (characteristic strength, no partial factors)"]
+        return ["no group has a strength"]
+    notes = ["strength: the breaking force, characteristic, without partial factors"]
     pressed = (forces < -NEGLIGIBLE * np.nanmax(np.abs(forces), initial=0.0)).any(axis=0)
     groups = [structure.groups[k] for k in kept]
     bears_pressure = np.repeat([not g.tension_only for g in groups], [len(g.links) for g in groups])
     if (pressed & rated & bears_pressure).any():
         notes.append(BUCKLING)
     if structure.space.rotates:
-        notes.append("utilization of beams: axial force only; for bending see the stresses")
+        notes.append("force / strength of beams: axial force only; for bending see the stresses")
     return notes
 
 
 def group_tables(table: Table) -> dict[str, Table]:
-    """Return the extreme forces and the largest utilization of every group, {"groups": `Table`}.
+    """Return {"groups": `Table`} of the extreme forces and largest force / strength by group.
 
     The dict is empty for a single group. `table` is the `axial_force_table`: its envelope counts
     where it has one, otherwise its final force.
@@ -140,7 +139,7 @@ def group_tables(table: Table) -> dict[str, Table]:
         *("group", "elements"),
         *(("lowest", "N", "min. force"), element, state),
         *(("highest", "N", "max. force"), element, state),
-        *(("most used", "-", "max. utilization"), element),
+        *(("most used", "-", "max. force / strength"), element),
     )
     if all(row[4] is None for row in rows):
         columns = [column._replace(detail=column.name == "in") for column in columns]
@@ -164,7 +163,7 @@ def exceeded_strength_sentence(table: Table) -> str | None:
     when = f", {worst[_MOST + 1]}" if worst[_MOST] is not None else ""
     return (
         f"STRENGTH EXCEEDED: {len(over)} element{'s' * (len(over) > 1)} above the breaking force "
-        f"({', '.join(named)}); largest utilization {most:.3g} ({where}{when})"
+        f"({', '.join(named)}); largest force / strength {most:.3g} ({where}{when})"
     )
 
 

@@ -15,7 +15,7 @@ from ..design.combination_rules import KindFactors
 from ..design.combinations import Combinations
 from ..loads import as_list
 from ..model.result_parts import present_elements
-from .load_descriptions import SUM_OF_LOADS, describe_action
+from .load_descriptions import SUM_OF_LOADS, describe_actions
 from .states import ReportedAnalysis
 from .table import Table, columns_of_rows, make_table
 
@@ -80,18 +80,19 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
     actions = combinations.actions
     by_kind = {factors.kind: factors for factors in combinations.kind_factors}
     own = [by_kind.get(one.kind, KindFactors(one.kind, *(None,) * 4)) for one in actions]
+    texts = describe_actions(actions, of.structure, of.units)
     loads = [as_list(one.loads) for one in actions]
     present = present_elements(of.structure, of.state.present)
     sums = load_resultants(of.structure, [load for some in loads for load in some], present)
-    ends = np.cumsum([len(some) for some in loads])[:-1]
+    each = np.split(sums, np.cumsum([len(some) for some in loads])[:-1])
     rows = [
         [
-            *(one.name, one.kind, describe_action(one, of.structure, of.units)),
+            *(one.name, one.kind, text),
             *(resultant.sum(axis=0).tolist() if len(resultant) else (None,) * 3),
             *map(_as_float, factors[1:]),
             *("yes" if one.in_phases else None, _conditions(one)),
         ]
-        for one, factors, resultant in zip(actions, own, np.split(sums, ends), strict=True)
+        for one, text, factors, resultant in zip(actions, texts, own, each, strict=True)
     ]
     columns = columns_of_rows(
         rows,

@@ -134,7 +134,7 @@ def _tables_of(
 
 def _of_active_nodes(structure, states, vectors):
     """Return vectors of nodes in some `states` as [n_state, n_node, 3]; NaN at inactive nodes."""
-    active = [active_nodes(structure, state.result) for state in states.values()]
+    active = [active_nodes(structure, state.result.present) for state in states.values()]
     return np.where(np.array(active)[..., None], np.array(vectors), np.nan)
 
 
@@ -230,6 +230,7 @@ def _largest_side(structure):
 def large_displacement_sentence(of: ReportedAnalysis) -> str | None:
     """Return a sentence on a displacement above a tenth of the extent, or None."""
     moved = np.linalg.norm(np.asarray(of.state.displacement, float), axis=1)
+    moved = np.where(active_nodes(of.structure, of.state.present), moved, 0.0)
     extent, units = _largest_side(of.structure), of.units
     if not moved.max() > _LARGE * extent:
         return None

@@ -20,6 +20,7 @@ _GAP = 1.4  # digits between columns; points in numbers are narrower than digits
 _LONGEST = 34  # digits of a text, from which on it wraps
 _SHORTEST = 20  # the same where a page in portrait format is wide enough then
 _MOST_KEYS = 4  # columns that name a row, repeated in each part: group, element, two nodes
+_MOST_LINES = 8  # of a text in a table on a page in portrait format
 _FEW = 15  # rows up to which a wide table is in parts, not on a page in landscape format
 _PLAIN_TITLE = "Structural analysis"
 _MINUS = "\N{MINUS SIGN}"
@@ -133,10 +134,12 @@ def _document_table(name: str, table: Table, most: int, scales: Scales, units: U
         ]
         for most in (_SHORTEST, _LONGEST)
     )
-    is_turned = sum(narrow) > _PORTRAIT and len(table.rows) > _FEW
+    longest = max((len(t) for own in columns for t in own), default=0)
+    is_wordy = longest > _MOST_LINES * (_PORTRAIT - sum(narrow) + _SHORTEST)
+    is_turned = is_wordy or (sum(narrow) > _PORTRAIT and len(table.rows) > _FEW)
     widths, room = (wide, _LANDSCAPE) if is_turned else (narrow, _PORTRAIT)
     parts = _split_columns(shown.units, widths, room)
-    landscape = any(sum(narrow[k] for k in part) > _PORTRAIT for part in parts)
+    landscape = is_wordy or any(sum(narrow[k] for k in part) > _PORTRAIT for part in parts)
 
     def part_of(part):
         headings, units, is_numeric = ([of[k] for k in part] for of in shown[1:4])

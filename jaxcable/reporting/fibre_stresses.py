@@ -101,17 +101,11 @@ def increment_stresses(
         kept = [k for k, values in enumerate(stress) if values is not None]
         good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
         for n in good if kept else ():
-            present = _active_elements(structure, path, n)
-            parts = [
-                _extreme_stresses(
-                    structure.groups[k],
-                    points[k],
-                    np.asarray(stress[k][n], float),
-                    present[k],
-                    _loads_and_lengths(structure, path, k, n),
-                )
-                for k in kept
-            ]
+            present, parts = _active_elements(structure, path, n), []
+            for k in kept:
+                loads, own = _loads_and_lengths(structure, path, k, n), np.asarray(stress[k][n])
+                group = structure.groups[k]
+                parts.append(_extreme_stresses(group, points[k], own, present[k], loads))
             factor = float(path.load_factor[n])
             called = name if factor == 1 else f"{name}, {factor:.3g}"
             joined = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -24,12 +25,30 @@ from ..model.structure import Structure
 from ..programs.traced_function import evaluate_at_once
 
 SUM_OF_LOADS = "sum F: of the forces on all nodes, in the geometry of the input"
+_LONG = 40  # characters of a text that is not repeated
 _MOST_LISTED = 8  # numbers of elements in a text
 
 
-def describe_action(action: Action, structure: Structure, units: Units | None) -> str:
-    """Return what acts by an action: its loads and changes, in `units`, or SI if that is None."""
-    parts = [describe_load(load, structure, units) for load in as_list(action.loads)]
+def describe_actions(
+    actions: Sequence[Action], structure: Structure, units: Units | None
+) -> list[str]:
+    """Return what acts by each action: its loads and changes, in `units`, or SI if that is None.
+
+    Long texts of loads, such as those of wind from several directions, are there once: other
+    actions refer to the first one that has them.
+    """
+    first: dict[str, str] = {}
+    return [_describe_action(action, structure, units, first) for action in actions]
+
+
+def _describe_action(action, structure, units, first):
+    """Return what acts by an action; `first` has the actions with long texts, by these."""
+    parts = []
+    for load in as_list(action.loads):
+        text = describe_load(load, structure, units)
+        where, _, long = text.partition(": ")
+        known = first.setdefault(long, action.name) if len(long) > _LONG else action.name
+        parts.append(text if known == action.name else f"{where}, as {known}")
     for name in ("temperature", "shortening"):
         values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
         if values:

@@ -97,7 +97,10 @@ def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Rea
         own[:, :3] = result.reactions
         if result.reaction_moments is not None:
             own[:, 3:] = result.reaction_moments
-        held = supported_components(structure, fixed) & active_nodes(structure, result)[:, None]
+        held = (
+            supported_components(structure, fixed)
+            & active_nodes(structure, result.present)[:, None]
+        )
         ever |= held.any(axis=1)
         # a skew support that has rotated with its node may push along other axes, too
         held |= np.abs(own) > _rounding_limits(own)

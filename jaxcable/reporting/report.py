@@ -107,9 +107,9 @@ def report(
             ``properties`` of elements, and, if they are given, ``phases``.
 
     Returns:
-        `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
-        largest force along an element; compression is compared with strength alone, without
-        buckling. Displacements are from the start, that is from the nodes of the input. Reactions
+        `Report`; its class lists the tables. Forces in ``members`` are the largest along an
+        element; compression is compared with strength alone, without buckling. Displacements are
+        from the start, that is from the nodes of the input. Reactions
         act on the structure; a component that is not supported has no value. Section forces of
         beams are given at both ends, with the smallest and the largest along the element, and their
         envelope over the ends of phases or the cases; stresses over all load steps, because every

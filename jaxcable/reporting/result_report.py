@@ -68,7 +68,7 @@ class Report:
             - ``checks``, and one table for each of them (``check_`` and its name), if given;
             - ``actions``: what each is; ``combinations`` of them, if they are given;
             - ``groups``: smallest and largest force of every group, if there are several;
-            - ``members``: axial force, utilization and envelope of every element;
+            - ``members``: axial force, force / strength and envelope of every element;
             - ``displacements``: of every node that moves, from the start, after every phase (in
               every case), and ``displacement_envelope``; ``displacements_since`` and
               ``displacement_since_envelope`` from the beginning of the phase `since`;

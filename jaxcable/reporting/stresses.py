@@ -58,7 +58,7 @@ def _final_stress_table(structure, end):
             Column("y", "m", y),
             Column("z", "m", z),
         ]
-    columns.append(Column("used", "-", used, "utilization", governs=known))
+    columns.append(Column("used", "-", used, "stress / strength", governs=known))
     notes = _stress_notes(structure, end.groups, known)
     if np.isnan(low[0]).any():
         notes.append("no stress: the element is not active in the final state")
@@ -82,9 +82,9 @@ def _stress_envelope_table(structure, every, kind):
             heading=heading,
             governs=not known,
         )
-    columns += envelope_columns(
-        *("used", "-", used, names, 1), hidden=("in",), heading="max. utilization", governs=known
-    )
+    most = "used", "-", used, names, 1
+    head = "max. stress / strength"
+    columns += envelope_columns(*most, hidden=("in",), heading=head, governs=known)
     return make_table(f"Stress envelope, all load steps of all {kind}s, tension positive", columns)
 
 
@@ -108,7 +108,7 @@ def _stress_notes(structure, groups, known):
             f"the section is further out by {', '.join(reach)}"
         )
     if known:
-        notes.append("utilization: stress / strength of the law of the fibre, the largest")
+        notes.append("stress / strength: with the strength of the law of the fibre, the largest")
     without: dict[str, list[str]] = {}
     for k, (label, group) in enumerate(named):
         if k not in groups:

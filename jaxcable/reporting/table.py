@@ -23,7 +23,7 @@ _FORCES = (*_KILO_UNITS, "Pa")
 # force of 100 kN in the position of a node that is known to 1e-12 m makes moments of 1e-7 N m.
 _LEVER = 1e-3
 _SHOWN = 1e-5  # share of the largest number of a unit in a table that its text tells from zero
-_MANY = 1e5  # size from which a number has one decimal: seven digits
+_MANY = 1e5  # size from which the numbers of a column have one decimal: seven digits
 _DECIMALS = {"mm": 2, "cm": 3, "in": 4, "m": 5, "ft": 5, "-": 3}  # of lengths and ratios
 _LARGE_FORCES = ("kip", "tf", "MN")  # units of force in which usual forces are small numbers
 
@@ -264,7 +264,9 @@ def show_table(
         if k in table.millimeters:
             unit, factor = units_of_table.small_length[0], float(units_of_table.small_length[1])
         largest = factor * sizes.get(own, 0.0)
-        texts = [_cell_text(row[k], factor, unit, largest) for row in rows]
+        numbers = [abs(v) for v in (row[k] for row in table.rows) if own and isinstance(v, float)]
+        is_large = factor * max(numbers, default=0.0) >= _MANY
+        texts = [_cell_text(row[k], factor, unit, largest, is_large) for row in rows]
         if k not in table.details and any(texts):
             is_number = all(isinstance(row[k], int | float | None) for row in table.rows)
             columns.append((names[k], unit, is_number, texts))
@@ -279,7 +281,7 @@ def _governing_size(table, row):
     return max(abs(row[k] or 0.0) for k in columns)
 
 
-def _cell_text(value, factor, unit, largest):
+def _cell_text(value, factor, unit, largest, is_large):
     """Return the text of a cell.
 
     Args:
@@ -287,6 +289,7 @@ def _cell_text(value, factor, unit, largest):
         factor: factor from the number to the unit of the text.
         unit: unit of the text.
         largest: size of the largest number of its unit in the table, in the unit of the text.
+        is_large: whether a number of the column is `_MANY` or more: all have one decimal then.
     """
     if value is None:
         return ""
@@ -295,8 +298,8 @@ def _cell_text(value, factor, unit, largest):
     value *= factor
     digits = _DECIMALS.get(unit, 3)
     if unit not in _DECIMALS:
-        if abs(value) >= _MANY:
-            return f"{value:.1f}"
+        if is_large or abs(value) >= _MANY:
+            return f"{round(value, 1) + 0.0:.1f}"
         if unit.startswith(_LARGE_FORCES) and abs(value) < 1.0:
             return f"{0.0 if abs(value) < _SHOWN * largest else value:.4g}"
         if value != 0.0 and abs(value) < 1e-3 and largest < 0.1:

@@ -7,6 +7,9 @@ import pytest
 
 import jaxcable as jc
 
+# it is loose on purpose
+pytestmark = pytest.mark.filterwarnings("ignore:nodes.*is (the free end|a free corner) of")
+
 # Four anchors, a node in the middle of a cross, and three further nodes on random cables: most of
 # these go slack when the prestress finds its form, and the iteration leaves many at their kinks.
 PLACES = [[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0]]
@@ -61,7 +64,6 @@ class Net:
 SEEDS = [10, 14]  # kinks up to rounding, and tensions below the tolerance of equilibrium
 
 
-@pytest.mark.filterwarnings("ignore:nodes.*is the free end of")  # it is loose on purpose
 @pytest.mark.quick_cases(*map(str, SEEDS))
 @pytest.mark.parametrize("seed", range(100))
 def test_both_modes_are_the_difference(seed):
@@ -95,7 +97,6 @@ def test_second_derivatives_and_batches():
             np.testing.assert_allclose(both[name][k], expected, atol=1e-7 * size, err_msg=name)
 
 
-@pytest.mark.filterwarnings("ignore:nodes.*is the free end of")  # it is loose on purpose
 def test_the_position_of_a_loose_node_has_no_derivative():
     """NaN in both modes; forces beside it have theirs."""
     net = Net(10)

@@ -161,12 +161,12 @@ def test_forces_above_the_strength_are_said_on_the_screen(scene, capsys):
     words = "optimize weak.json --deflection 0.0125 --same-in-group --bounds 0 1e3"
     assert command(words) == 1
     out = capsys.readouterr().out
-    assert "limit on the strength: utilization 1, reached 1." in out and ": violated by" in out
+    assert "limit on force / strength: 1, reached 1." in out and ": violated by" in out
     assert "it fixes the cutting length, and is not the jacking force" in out
     # a target has no limits: what is exceeded is said, but nothing is violated
     assert command("optimize weak.json --target 200 --same-in-group") == 0
     out = capsys.readouterr().out
-    assert "STRENGTH EXCEEDED: largest utilization 1." in out and "violated" not in out
+    assert "STRENGTH EXCEEDED: largest force / strength 1." in out and "violated" not in out
 
 
 @pytest.mark.slow_cases("solve")

@@ -10,7 +10,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.__main__ import main
-from jaxcable.cli import optimize
+from jaxcable.cli import combining, inputs, optimize
 
 Action = jc.design.Action
 NODES = [[0.0, 0.0, 0.0], [3.0, 0.0, -0.3], [6.0, 0.0, 0.0]]
@@ -86,8 +86,12 @@ def test_several_reports_and_again_over_those_of_before(folder, capsys):
 
 
 def test_checks_of_the_scene_are_made(folder, capsys):
-    """By its own standard of combinations; the force that governs is that of the library."""
-    checks = ["EN 1993-1-11", jc.design.TensionLimit(lower=1.0, of=())]
+    """By its own standard of combinations; the force that governs is that of the library.
+
+    A check for which none of the chosen combinations counts is not made; the report says so.
+    """
+    still = jc.design.DisplacementLimit(0.1)
+    checks = ["EN 1993-1-11", jc.design.TensionLimit(lower=1.0, of=()), still]
     more = {"actions": actions(), "combinations": "EN 1990", "checks": checks}
     jc.save_scene("checked.json", (STRUCTURE, PHASES), **more)
     assert command("solve checked.json --which 'ULS 6.10' --report r.txt") == 0
@@ -100,11 +104,23 @@ def test_checks_of_the_scene_are_made(folder, capsys):
     line = f"cable resistance: utilization {used:.3f}, element {element}, {found.names[case]}, EN"
     assert line in told and "all 2 checks passed" in told
     assert "NOT MADE: cable service stress" in told
+    assert "; displacement, without serviceability or allowable stress" in told
+    alone, ended = Namespace(checks=[still]), Namespace(status=0)
+    assert combining.make_checks(alone, ended, solutions, found, ["ULS 6.10"]) is None
     report = (folder / "r.txt").read_text()
     assert "Checks, largest utilization of each" in report and f"{used:.3f}"[:4] in report
     assert command("info checked.json") == 0
     told = capsys.readouterr().out
     assert "combinations by EN 1990\ncheck EN 1993-1-11\ncheck tension that remains" in told
+
+
+def test_nodes_without_active_elements_do_not_count_as_moved():
+    bars = {name: jc.Bars([[0, k]], 1e6) for k, name in enumerate(("stay", "prop"), 1)}
+    structure = jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], bars, jc.pinned([0]))
+    moved, present = [[0, 0, 0], [0, 0, 1e-3], [0, 0, 5.0]], {"stay": [1.0], "prop": [0.0]}
+    largest = inputs.largest_displacement
+    assert largest(structure, moved, present, None) == (1e-3, "0.001 m at node 1")
+    assert largest(structure, moved, None, None) == (5.0, "5 m at node 2")
 
 
 def test_checks_without_combinations_are_those_of_the_end(folder, capsys):
@@ -252,7 +268,7 @@ def test_optimize_keeps_forces_below_the_strength(folder, capsys):
     jc.save_scene("mast.json", (structure, [prestress, jc.Phase(loads=winds[0].loads)]))
     assert command("optimize mast.json --same-in-group --deflection 0.1 --save best.json") == 1
     told, err = capsys.readouterr()
-    (line,) = [one for one in told.splitlines() if "limit on the strength" in one]
+    (line,) = [one for one in told.splitlines() if "limit on force / strength" in one]
     used = float(line.split("reached ")[1].split(",")[0])
     # 3 digits are printed; the mast, which deflects, changes forces by 1 in 2000
     assert used >= 10e3 / 0.6 / 16e3 * (1 - 5e-3)

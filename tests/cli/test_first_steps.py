@@ -349,6 +349,7 @@ def test_plot_names_what_it_cannot_draw(scenes, capsys):
         ("mast.json --of My --sequence", "--sequence: not for diagrams"),
         ("mast.json --of My --magnify 2", "--magnify: not for diagrams"),
         ("mast.json --of My --reactions", "--reactions: not for diagrams"),
+        ("mast.json --of My --one-scale", "--one-scale: not for diagrams"),
         ("net.json --sequence --reactions", "--reactions: not with --sequence"),
         ("net.json --save p.doc", "--save p.doc: expected a name that ends with .png"),
         ("none.json", "none.json: No such file or directory"),

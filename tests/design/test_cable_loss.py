@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import jaxcable as jc
 from jaxcable.common.units import as_units
 from jaxcable.design import Action, combinations, loss_of_cable
-from jaxcable.reporting.load_descriptions import describe_action
+from jaxcable.reporting.load_descriptions import describe_actions
 
 PYRAMID = spokes(4, height=1.0, group=jc.Bars)
 """Four bars down to a ring, of which three carry any load."""
@@ -266,7 +266,7 @@ def test_losses_are_combined_written_and_described(tmp_path):
     assert read.name == losses[0].name and np.array_equal(read.removes["legs"], [0, 1, 0, 0])
     np.testing.assert_allclose(read.loads[0].forces, losses[0].loads[0].forces, rtol=4e-16)
     pull = np.linalg.norm(losses[0].loads[0].forces[0]) / 1e3
-    text = describe_action(losses[0], structure, as_units("kN, m"))
+    (text,) = describe_actions(losses[:1], structure, as_units("kN, m"))
     assert text == (
         f"NodalLoads on 2 nodes, up to {pull:.6g} kN, sum (0, 0, 0) kN; 1 element lost: legs 1"
     )

@@ -238,10 +238,13 @@ def test_lengths_end_at_what_a_turnbuckle_can_do():
     assert float(found.deviation[0][0]) == pytest.approx(3.9 - 8 / 3, abs=1e-9)
     assert "default bound" in found.remarks[0] and "off by up to 1.23" in found.remarks[1]
     assert repr(found).startswith("Tuned: converged; targets missed: number 0\n")
+    with pytest.raises(jc.AnalysisError, match=r"^targets missed: number 0; .*off by up to 1.23"):
+        jc.raise_if_failed(found)
     with pytest.warns(jc.InputWarning, match=r"shortening\[0\] = -76: the element has 2 m"):
         wide = converged(shortened(height, -3.9, (-100.0, None)))
     assert float(wide.values[0].values) == pytest.approx(-76.0, rel=1e-6)
     assert wide.remarks == () and repr(wide).startswith("Tuned: converged\n")
+    jc.raise_if_failed(wide)
 
 
 def test_default_bounds_of_all_lengths():

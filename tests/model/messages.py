@@ -57,6 +57,12 @@ def analyse(*phases, structure=None, method=None):
     prepare(net() if structure is None else structure, list(phases), method, None)
 
 
+def chain(middle):
+    """Two cables from (0, 0, 0) over `middle` to (2, 0, 0)."""
+    nodes = [[0, 0, 0], middle, [2, 0, 0]]
+    analyse(Phase(), structure=net(nodes, cables(LINKS[:2]), (0, 2)))
+
+
 def stated(elements=None, **statement):
     """A phase of the net, or of one of other elements."""
     analyse(Phase(**statement), structure=net(elements=elements))
@@ -958,6 +964,8 @@ stated({"a": HANGING, "b": HANGING}, end_tension=2.0)
     # elements['a'].weight, elements['b'].weight: no phase has SelfWeight
 analyse(Phase(pretension=2.0), structure=net(NODES[:3], cables(LINKS[:2]), (0,)))
     # nodes[2] is the free end of elements.links[1]: no phase supports it
+analyse(Phase(pretension=2.0), structure=net(PLAN, cables(ROUND), (0, 1, 2)))
+    # nodes[3] is a free corner of elements.links[2]: no phase supports it
 stated(HANGING, built_sag=150.0, loads=jc.SelfWeight())
     # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
 materials.steel(355)
@@ -1004,6 +1012,8 @@ loaded(jc.Varying(push(), HALF, [0.5, 0.7, 1.0]))  # a load step
 loaded(push([1, 2]))  # loads on supports as well
 loaded(push([1, 2]), structure=net(supports=(0, 3)))  # a load on the free end of a cable
 analyse(Phase(supports=jc.pinned([0, 2, 3])), structure=net(supports=(0, 3)))  # held later
+chain([1, 0.4, 0])  # a flat kink
+chain([1, 0, -2.0])  # a node that hangs
 stated(pretension=1.0, loads=push([2]))  # loads on supports beside prestress
 loaded(push([2], (0.0, 0, 0)))  # no load at all
 loaded(jc.SupportMovement([1], (1e-3, 0, 0)), structure=net(supports=range(4)))

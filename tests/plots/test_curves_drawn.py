@@ -289,7 +289,7 @@ def test_a_moment_lies_on_the_side_in_tension(cantilever, known):
     assert (part[:, 2:, 1] >= part[:, :2, 1][:, ::-1] - 1e-9).all()  # above the axis
     assert part[..., 1].max() == pytest.approx(0.25 * LENGTH, rel=2e-2)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "My positive" in names and "My negative" not in names
+    assert "My positive (N m)" in names and "My negative (N m)" not in names
 
 
 def test_a_frame_that_bends_about_z_only(cantilever):

@@ -206,9 +206,7 @@ def test_utilization(pictures, runs):
     assert used.min() < 100 < used.max()
     figure = pictures["net, utilization"]
     bar = figure.axes[-1]
-    assert (
-        bar.get_xlabel() == f"utilization: force / breaking force (%), largest {used.max():.4g} %"
-    )
+    assert bar.get_xlabel() == f"force / breaking force (%), largest {used.max():.4g} %"
     assert np.allclose(bar.get_xlim(), [0.0, 100.0], atol=1e-3)  # 1e-6 are rounding
     assert {0, 100} <= set(bar.get_xticks())
     for axes, values in zip(figure.axes, np.split(used, 2), strict=False):
@@ -221,7 +219,7 @@ def test_utilization(pictures, runs):
         runs.structure.nodes, jc.replace(runs.strong.elements, strength=2e3), runs.strong.supports
     )
     figure = jc.plots.net(runs.taut, color="utilization", structure=below)
-    assert figure.axes[-1].get_xlabel() == "utilization: force / breaking force (%)"
+    assert figure.axes[-1].get_xlabel() == "force / breaking force (%)"
 
 
 @pytest.mark.slow
@@ -312,6 +310,8 @@ def test_a_group_that_another_one_swamps_has_its_own_colors():
     np.testing.assert_allclose(shares[:4], [100.0, 50.0, 100.0 / 3, 100.0])
     texts = [entry.get_label() for entry in scale.legend()]
     assert texts == ["edge: -300 to 150 kN", "net: 10 to 30 kN"]
+    together = element_lines.ColorScale([own], one_scale=True)
+    np.testing.assert_allclose(together.numbers(own), force / 1e3)
     whole = 26793.992565943103  # 100 whole / whole is above 100, by rounding
     equal = own._replace(value=np.array([-300e3, 150e3, whole, whole, 10e3]))
     assert element_lines.ColorScale([equal]).numbers(equal).max() == 100.0

@@ -13,7 +13,7 @@ from jaxcable.analysis.load_resultants import load_resultants
 from jaxcable.cli import file_names
 from jaxcable.common.units import as_units
 from jaxcable.reporting.document import Heading, make_document
-from jaxcable.reporting.load_descriptions import describe_load
+from jaxcable.reporting.load_descriptions import describe_actions, describe_load
 from jaxcable.reporting.table import Table
 
 STEEL = 210e9  # Pa
@@ -284,11 +284,20 @@ def test_loads_have_their_numbers_and_their_resultants():
     wind = jc.WindLoads((1, 0, 0), WIND, drag=1.2, diameter=0.2, on="mast", elements=jc.only([1]))
     told = describe_load(wind, MAST, as_units("kN, m"))
     assert "(element 1)" in told and f" to {PEAK / 1e3:.6g} kN/m2 at its nodes" in told
+    winds = [loads[0], jc.replace(loads[0], direction=(1.0, 0, 0)), jc.replace(loads[0], drag=0.8)]
+    actions = [jc.design.Action(f"wind {k}", "wind", load) for k, load in enumerate(winds)]
+    texts = describe_actions(actions, MAST, None)
+    assert texts[1] == "WindLoads on guys towards (1, 0, 0), as wind 0" and "0.8" in texts[2]
 
 
-@pytest.mark.parametrize(("letters", "count", "turned"), [("w ", 9, 0), ("w", 9, 1), ("w ", 12, 1)])
+@pytest.mark.parametrize(
+    ("letters", "count", "turned"), [("w ", 9, 0), ("w", 9, 1), ("w ", 12, 1), (7 * "w ", 9, 1)]
+)
 def test_a_table_with_a_text_that_wraps_stays_on_an_upright_page(letters, count, turned):
-    """Of the 470 points of a page each number takes 36; a text that wraps needs 20 characters."""
+    """Of the 470 points of a page each number takes 36; a text that wraps needs 20 characters.
+
+    One of more than eight lines, as that of a wind on many groups, gets a page in landscape format.
+    """
     names = ("group", *(f"f{k}" for k in range(count)), "also")
     units = ("", *["N"] * count, "")
     rows = [["ties", *[1e6] * count, 60 * letters]] * 16  # of up to 15 rows it would be in parts

@@ -134,7 +134,7 @@ def test_slack_cables_and_loose_nodes(net, told):
     assert found.tables["slack"].rows == [["", 0, "phase 1"], ["", 1, "phase 1"]]
     assert found.tables["loose"].rows == [[1, "phase 1"]]
     assert any("1 node that nothing else holds" in line for line in found.summary)
-    assert found.tables["members"].notes == ("no group has a strength: no utilization",)
+    assert found.tables["members"].notes == ("no group has a strength",)
 
 
 def test_groups_say_which_element_is_most_used(flat):
@@ -318,8 +318,8 @@ def test_forces_above_the_breaking_force_are_said():
     assert 2e3 < force < 5e3
     (line,) = [x for x in jc.report(structure, solution).summary if "STRENGTH" in x]
     assert line == (
-        "STRENGTH EXCEEDED: 1 element above the breaking force (stay: 1 of 2); largest utilization "
-        f"{force / 2e3:.3g} (stay, element 0, phase 2)"
+        "STRENGTH EXCEEDED: 1 element above the breaking force (stay: 1 of 2); largest force "
+        f"/ strength {force / 2e3:.3g} (stay, element 0, phase 2)"
     )
     structure, solution, _ = strung(1e4, -200.0)
     assert not [x for x in jc.report(structure, solution).summary if "STRENGTH" in x]

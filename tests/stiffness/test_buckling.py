@@ -99,7 +99,7 @@ def test_reports_tell_of_buckling():
     reference, solution = prestressed(), pressed(2e3)
     plain = jc.report(STRUT, solution)
     assert not any("buckling" in line for line in plain.summary)
-    note = "utilization in compression: force / strength; buckling is not checked here, see"
+    note = "force / strength in compression: buckling is not checked here, see"
     assert any(own.startswith(note) for own in plain.tables["members"].notes)
     assert not any(note in own for own in jc.report(STRUT, reference).tables["members"].notes)
 

@@ -27,7 +27,7 @@ class Range {
     if (name === "utilization") {
       // begins at 0 and has 1 on it: colors show how far 1 is
       if (whole || high > 1) [low, high] = [0, Math.max(high, 1)];
-      this.label = "utilization: force / breaking force (-)";
+      this.label = "force / breaking force (-)";
     } else {
       if (statedUnits[unit]) {
         [this.factor, unit] = statedUnits[unit];
