@@ -184,11 +184,17 @@ class Block:
         return found._replace(shape=shape)
 
     def write_call(
-        self, text: str, inputs: Sequence[Value], avals: Sequence[Any], pure: bool = True
+        self,
+        text: str,
+        inputs: Sequence[Value],
+        avals: Sequence[Any],
+        pure: bool = True,
+        work: float = 1.0,
     ) -> list[Value]:
         """Write a call that returns a tuple of arrays in full shapes; return their values.
 
-        `text` is a template; `avals` have the shapes and dtypes of the results.
+        `text` is a template; `avals` have the shapes and dtypes of the results; `work` is as of
+        `write`.
         """
         names = tuple(x.name for x in inputs)
         block = self._outermost(inputs) if pure else self
@@ -203,7 +209,7 @@ class Block:
             left = "".join(x.name + "," for x in found)
             line = text.format(*names)
             block.lines.append(f"({left})={line}" if found else line)
-            block.work += 1
+            block.work += work
             if pure:
                 block._written[text, names] = found
         return found
