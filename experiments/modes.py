@@ -32,7 +32,6 @@ from record import Record
 
 import jaxcable as jc
 from jaxcable.equilibrium import iteration
-from jaxcable.equilibrium.predicted_forces import is_prediction_step
 
 STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish"
 STEPS += "full", "uphill", "predicted", "Newton"
@@ -71,15 +70,15 @@ LISTENER = Listener()
 
 def kind_of_step(search, state):
     """Number of the kind of the step that a state is about to try."""
-    strategy, steps = state.strategy, state.steps - 1
+    strategy = state.strategy
     names = {name: k for k, name in enumerate(STEPS)}
     if search.system.is_net:
         of = "cones" if strategy.has_cones else "bounds"
         return jnp.array([names["mixed"], names[of], names[f"{of}' finish"]])[strategy.mode]
     kind, unknowns, full_steps = jnp.int32(names["Newton"]), strategy.unknowns, strategy.full_steps
     if strategy.predicted is not None:
-        kind = jnp.where(is_prediction_step(steps), names["predicted"], kind)
-    if full_steps is not None and full_steps.may_go_uphill is not None:
+        kind = jnp.int32(names["predicted"])
+    if full_steps is not None:
         kind = jnp.where(full_steps.may_go_uphill, names["uphill"], kind)
     if unknowns is not None:
         kind = jnp.where(unknowns.uses_interior_point, names["bounds"], kind)

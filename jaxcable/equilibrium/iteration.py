@@ -41,7 +41,7 @@ class EquilibriumSearch:
         criterion: AddedLoadCriterion | None = None,
         only_evaluates: Bool[ArrayLike, ""] = False,
     ):
-        self.system, self.extent = system, system.extent()
+        self.system = system
         self.judges_stability = judges_stability & ~system.convex
         self.only_evaluates = only_evaluates
         self.convergence = Convergence(settings, criterion, x.dtype)
@@ -100,7 +100,7 @@ class EquilibriumSearch:
 
         `before` is the largest residual at the point before, N.
         """
-        point, progress, method, first = state.point, state.progress, self.method, None
+        point, progress, method = state.point, state.progress, self.method
         first, residual = ~progress.has_begun, max_abs(point.residual)
         finite = jnp.isfinite(residual) & jnp.isfinite(point.scale)
         code = jnp.where(first & ~finite, status.NONFINITE, state.code)
@@ -112,7 +112,10 @@ class EquilibriumSearch:
                 first, method.start_rounding(point), progress.start_rounding
             ),
         )
-        residuals, granted = (point.residual, before), method.granted_residual(point, progress)
+        residuals, granted = (point.residual, before), jnp.zeros_like(point.residual)
+        if point.rounding is not None:
+            given = point.rounding, progress.start_rounding, point.scale
+            granted = method.granted_residual(*given)
         given = progress, residuals, point.scale, granted, state.steps, trial.search_over
         progress, converged, lost = self.convergence.compare(*given)
         code = jnp.where(lost, status.AT_ROUNDING, code).astype(jnp.int32)
@@ -128,10 +131,10 @@ class EquilibriumSearch:
         """
         over, moved = trial.search_over, ~state.stays_at_point | state.has_no_step
         reach = self.system.largest_displacement(state.point.x)
-        given = state, trial, over & moved, converged, reach
+        given = state, trial, over & moved, converged
         strategy, x, elsewhere, gives_up = self.method.choose(*given)
         spent = gives_up | (~converged & (state.steps >= self.convergence.max_steps))
-        runaway = over & (reach > self.method.farthest * self.extent) & ~elsewhere
+        runaway = over & (reach > self.method.farthest * self.method.extent) & ~elsewhere
         code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
         stop = over & ((code != status.OK) | spent)
         reevaluates = elsewhere & ~stop

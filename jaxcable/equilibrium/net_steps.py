@@ -12,10 +12,10 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from ..mechanics.assembly import System
 from ..mechanics.tension_responses import TensionResponses, has_load
 from ..spaces.space import Motion
-from .convergence import Convergence, Progress
+from .convergence import Convergence
 from .newton_state import Evaluation, NewtonState
 from .newton_step import max_abs, newton_direction
-from .step_method import ASTRAY, Choice, NextStep, Trial
+from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
 from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
@@ -28,20 +28,13 @@ _FINE_PART_FROM = 0.05
 _MAX_ROUNDING = 1e-2
 
 
-class NetSteps:
-    """The `step_method.StepMethod` of nets of cables.
-
-    Args:
-        system: `System`, a net.
-        begin: motion at the start of the increment.
-        convergence: `Convergence` of the increment.
-    """
+class NetSteps(StepMethod):
+    """The method of nets of cables."""
 
     farthest = 1e4  # mixed steps of anchored nets end at a part of it
 
     def __init__(self, system: System, begin: Motion, convergence: Convergence):
-        self.system, self.begin, self.convergence = system, begin, convergence
-        self.length, self.extent = system.length_scale(), system.extent()
+        super().__init__(system, begin, convergence)
         self.is_loaded = has_load(system, begin)
 
     def initial(self) -> TensionUnknowns:
@@ -92,24 +85,21 @@ class NetSteps:
         released = _RELEASED_ROUNDINGS * jnp.finfo(point.scale.dtype).eps * point.scale
         return jnp.where(self.is_loaded, 0.0, released)
 
-    def granted_residual(self, point: Evaluation, progress: Progress) -> Float[Array, " n_free"]:
+    def granted_residual(
+        self, rounding: Float[Array, " n_free"], start: Array, scale: Float[Array, ""]
+    ) -> Float[Array, " n_free"]:
         """Return which residual the rounding of displacements excuses, [n_free], N."""
         # forces that rounding hides are not found; without any load they may all be lost
-        known = jnp.where(self.is_loaded, _MAX_ROUNDING * point.scale, jnp.inf)
-        return jnp.maximum(jnp.minimum(point.rounding, known), progress.start_rounding)
+        known = jnp.where(self.is_loaded, _MAX_ROUNDING * scale, jnp.inf)
+        return jnp.maximum(jnp.minimum(rounding, known), start)
 
     def choose(
-        self,
-        state: NewtonState,
-        trial: Trial,
-        moved: Bool[Array, ""],
-        converged: Bool[Array, ""],
-        reach: Float[Array, ""],
+        self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
     ) -> Choice:
         """Choose the kind of the next step (`TensionUnknowns.switch_mode`)."""
         point, unknowns, may_switch = state.point, state.strategy, moved & ~converged
-        size, astray = (max_abs(point.residual), point.scale), reach > ASTRAY * self.extent
-        given = point.x, self.begin, trial.accepted, *size, astray, self.length
+        astray = self.system.largest_displacement(point.x) > ASTRAY * self.extent
+        given = point, self.begin, trial.accepted, astray, self.length
         new, x, elsewhere, gives_up = unknowns.switch_mode(*given)
         after, x = select_tree(may_switch, (new, x), (unknowns, point.x))
         return Choice(after, x, may_switch & elsewhere, may_switch & gives_up)

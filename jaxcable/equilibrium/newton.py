@@ -19,7 +19,7 @@ makes progress: see `partial_net`. For all others:
 3. Full steps first (`globalization.FullStepPhase`): a full Newton step often stretches elements
    that should only bend or swing, or slackens cables that the next step tightens. The energy rises,
    although the next full step corrects this; a line search would allow tiny steps only. Structures
-   with rotations, those under following loads, and cables along which loads slide therefore start
+   with rotations, those under following loads, and those with unsymmetric elements therefore start
    with up to 20 full Newton steps. If these fail, the iteration starts again with line search, or
    where there are cables beside other elements, with interior-point steps.
    (Where nodal moments, following loads or elements without a potential make the tangent

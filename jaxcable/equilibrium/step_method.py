@@ -12,12 +12,15 @@ method remembers from step to step is a pytree of its own, ``state.strategy``.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear.sparse import FactoredMatrix
+from ..mechanics.assembly import System
 from ..spaces.space import Motion
-from .convergence import Progress
+from .convergence import Convergence
 from .newton_state import Evaluation, NewtonState
 
 ASTRAY = 10.0  # displacement, in structure sizes, at which the kind of steps counts as failed
@@ -76,26 +79,40 @@ class NextStep(NamedTuple):
     factored: FactoredMatrix | None
 
 
-class StepMethod(Protocol):
-    """A method that makes the steps of an iteration to equilibrium.
+class StepMethod:
+    """A method that makes the steps of an iteration to equilibrium: what both have in common.
+
+    Args:
+        system: `System`.
+        begin: motion at the start of the increment.
+        convergence: `Convergence` of the increment.
 
     Attributes:
         farthest: displacement, in structure sizes, beyond which the structure is a mechanism.
+        length, extent: mean length of elements, and size of the structure, m.
     """
 
     farthest: float
 
+    def __init__(self, system: System, begin: Motion, convergence: Convergence):
+        self.system, self.begin, self.convergence = system, begin, convergence
+        self.length, self.extent = system.length_scale(), system.extent()
+
     def initial(self) -> Any:
         """Return the state of the method before the first evaluation."""
-
-    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
-        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
-
-    def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:
-        """Return the `Evaluation` at `x`, in the precision that the iteration needs there."""
+        raise NotImplementedError
 
     def trial_point(self, state: NewtonState) -> Motion:
         """Return the motion at which the step of `state` is tried."""
+        raise NotImplementedError
+
+    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
+        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
+        raise NotImplementedError
+
+    def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:
+        """Return the `Evaluation` at `x`, in the precision that the iteration needs there."""
+        return self.evaluate_at(x, True)
 
     def judge(
         self, state: NewtonState, tried: Evaluation
@@ -106,23 +123,30 @@ class StepMethod(Protocol):
             State of the method; the fraction of the step that was tried; whether the point is
             accepted; whether to try another fraction.
         """
+        raise NotImplementedError
 
     def start_rounding(self, point: Evaluation) -> Array | None:
         """Return which residual the rounding of the first point excuses throughout, N."""
+        return point.rounding
 
-    def granted_residual(self, point: Evaluation, progress: Progress) -> Float[Array, " n_free"]:
-        """Return which residual the rounding of displacements excuses, [n_free], N."""
+    def granted_residual(
+        self, rounding: Float[Array, " n_free"], start: Array, scale: Float[Array, ""]
+    ) -> Float[Array, " n_free"]:
+        """Return which residual the rounding of displacements excuses, [n_free], N.
+
+        Args:
+            rounding: `Evaluation.rounding` of the point.
+            start: `start_rounding` of the first point.
+            scale: force that residuals are compared with, N.
+        """
+        return jnp.maximum(rounding, start)
 
     def is_exact_enough(self, point: Evaluation) -> Bool[ArrayLike, ""]:
         """Return whether an equilibrium at `point` is one in the precision that it needs."""
+        return True
 
     def choose(
-        self,
-        state: NewtonState,
-        trial: Trial,
-        moved: Bool[Array, ""],
-        converged: Bool[Array, ""],
-        reach: Float[Array, ""],
+        self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
     ) -> Choice:
         """Choose how the iteration goes on.
 
@@ -131,10 +155,11 @@ class StepMethod(Protocol):
             trial: `Trial`.
             moved: whether a step has come to its end.
             converged: whether the point is an equilibrium.
-            reach: largest displacement at the point, m.
         """
+        raise NotImplementedError
 
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
         """Make the next step; at an equilibrium only find out whether the tangent is definite."""
+        raise NotImplementedError

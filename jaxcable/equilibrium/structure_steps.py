@@ -9,7 +9,7 @@ those of a line search.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -22,14 +22,14 @@ from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, any_chords, relative_to_first_end
 from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
-from .convergence import Convergence, Progress
+from .convergence import Convergence
 from .globalization import FullStepPhase, LevenbergShift
 from .interior_point import LengthBoundEquations
 from .newton_state import Evaluation, NewtonState
 from .newton_step import max_abs, newton_direction, with_loose_nodes_held, zero_eigenvalue_bound
 from .partial_net import PartialNet
-from .predicted_forces import PredictedForces, is_prediction_step
-from .step_method import ASTRAY, Choice, NextStep, Trial
+from .predicted_forces import PredictedForces
+from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
 from .tension_unknowns import TensionUnknowns
 
 
@@ -71,25 +71,17 @@ class StepMatrix(NamedTuple):
     cable_equations: LengthBoundEquations | None
 
 
-class StructureSteps:
-    """The `step_method.StepMethod` of structures that are no nets of cables.
-
-    Args:
-        system: `System`.
-        begin: motion at the start of the increment.
-        convergence: `Convergence` of the increment.
-    """
+class StructureSteps(StepMethod):
+    """The method of structures that are no nets of cables."""
 
     farthest = 1e6  # no anchored structure reaches it
 
     def __init__(self, system: System, begin: Motion, convergence: Convergence):
-        self.system, self.begin, self.convergence = system, begin, convergence
-        self.length, self.extent = system.length_scale(), system.extent()
+        super().__init__(system, begin, convergence)
         self.partial_net = PartialNet.of(system)
         # a net beyond the peak of a law finds where its curve ends by the true forces
         softens = system.without_softening().is_net
         self.predicts = not softens and any_chords(system.groups)
-        self.has_full_steps = system.may_be_convex or system.may_be_unsymmetric
 
     def initial(self) -> StructureStrategy:
         """Return the state of the method before the first evaluation."""
@@ -97,35 +89,28 @@ class StructureSteps:
         if self.partial_net is not None:
             net = self.partial_net.net
             unknowns = TensionUnknowns.initial(net, self.begin, is_partial_net=True)
-        unsymmetric = self.system.may_be_unsymmetric
+        begins_with_full_steps = self.system.may_be_unsymmetric
         return StructureStrategy(
             search=LineSearch.init(zero),
             shift=LevenbergShift.initial(zero.dtype),
-            full_steps=FullStepPhase.initial(unsymmetric) if self.has_full_steps else None,
+            full_steps=FullStepPhase.initial() if begins_with_full_steps else None,
             unknowns=unknowns,
             predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
         )
 
-    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""] = True) -> Evaluation:
+    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
         """Return the `Evaluation` at `x`; there are no low-order parts of displacements."""
-        system = self.system
-        if self.partial_net is None:
+        system, net = self.system, self.partial_net
+        tangents: Any
+        if net is None:
             end_forces, tangents = system.forces_and_tangents(x)
         else:
-            tangents = self.partial_net.evaluate(x)
-            end_forces = self.partial_net.merge(tangents[0].forces, tangents[1][0])
+            tangents = net.evaluate(x)
+            end_forces = net.merge(tangents[0].forces, tangents[1][0])
         rounding = system.rounding_error(x) if system.estimates_rounding else None
         chords = Chords.of(system, x, end_forces) if self.predicts else None
         residual, scale = system.residual_and_scale(x, end_forces)
         return Evaluation(x, residual, scale, rounding, (tangents, chords))
-
-    def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:
-        """Return the `Evaluation` at `x`."""
-        return self.evaluate_at(x)
-
-    def is_exact_enough(self, point: Evaluation) -> bool:
-        """Return that every evaluation is exact."""
-        return True
 
     def trial_point(self, state: NewtonState) -> Motion:
         """Return the motion after the fraction of the step that the line search tries."""
@@ -158,26 +143,12 @@ class StructureSteps:
         longer = chords.elongation(relative_to_first_end(self.system, row_step))
         return slope - predicted.excess_force(chords.force) @ longer
 
-    def start_rounding(self, point: Evaluation) -> Float[Array, " n_free"] | None:
-        """Return the rounding of the first point, [n_free], N, which is allowed throughout."""
-        return point.rounding
-
-    def granted_residual(self, point: Evaluation, progress: Progress) -> Float[Array, " n_free"]:
-        """Return which residual the rounding of displacements excuses, [n_free], N."""
-        if point.rounding is None:
-            return jnp.zeros_like(point.residual)
-        return jnp.maximum(point.rounding, progress.start_rounding)
-
     def choose(
-        self,
-        state: NewtonState,
-        trial: Trial,
-        moved: Bool[Array, ""],
-        converged: Bool[Array, ""],
-        reach: Float[Array, ""],
+        self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
     ) -> Choice:
         """Choose the shift, whether full steps go on, and whether cables get interior steps."""
         own, x, no = state.strategy, state.point.x, jnp.zeros((), bool)
+        reach = self.system.largest_displacement(x)
         first_shift, again, gives_up = LevenbergShift.initial(x.dtype), no, no
         shift = own.shift.update(trial.accepted, trial.fraction)
         shift, full_steps = select_tree(moved, shift, own.shift), own.full_steps
@@ -189,9 +160,10 @@ class StructureSteps:
         unknowns, predicted = own.unknowns, own.predicted
         if unknowns is not None:
             may_switch, astray = moved & ~converged, reach > ASTRAY * self.extent
-            size = max_abs(state.point.residual), state.point.scale
-            given = x, self.begin, trial.accepted, *size, astray, self.length
-            new, start, elsewhere, fails = unknowns.switch_mode(*given, full_steps_failed=again)
+            at = copy_with(state.point, x=x), self.begin
+            new, start, elsewhere, fails = unknowns.switch_mode(
+                *at, trial.accepted, astray, self.length, full_steps_failed=again
+            )
             unknowns, x = select_tree(may_switch, (new, start), (unknowns, x))
             elsewhere, gives_up = may_switch & elsewhere, may_switch & fails
             again, changed = again | elsewhere, unknowns.mode != own.unknowns.mode
@@ -208,7 +180,8 @@ class StructureSteps:
     ) -> NextStep:
         """Make the next step; at an equilibrium only find out whether the tangent is definite."""
         own, system, point = state.strategy, self.system, state.point
-        is_full, again, fraction = jnp.zeros((), bool), jnp.zeros((), bool), 1.0
+        is_full, again = jnp.zeros((), bool), jnp.zeros((), bool)
+        fraction: Float[ArrayLike, ""] = 1.0
         if own.full_steps is not None:
             is_full = own.full_steps.is_on & ~converged
         matrix, predicting, slopes, equations = self._matrix(state, is_full, converged)
@@ -225,19 +198,20 @@ class StructureSteps:
         slope = point.residual @ step
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
-            given = system, point.elements[1], row_step, slopes, predicting
-            predicted, fraction, cut = predicted.after_step(*given)
+            chords = point.elements[1]
+            predicted, fraction, cut = predicted.after_step(
+                system, chords, row_step, slopes, predicting
+            )
             slope = slope - cut
         if unknowns is not None:
-            given = point.x, step, definite, equations
-            unknowns, part = self.partial_net.take_step(*given)
+            unknowns, part = self.partial_net.take_step(point.x, step, definite, equations)
             again, fraction = unknowns.indefinite_count > 0, jnp.minimum(fraction, part)
             if predicted is not None:
                 force = self.partial_net.predicted_forces(predicted.force, unknowns)
                 predicted = copy_with(predicted, force=force)
         step, slope = fraction * step, fraction * slope
         usable, full_steps = definite & ((slope < 0) | is_full), own.full_steps
-        if system.may_be_unsymmetric:
+        if full_steps is not None:
             unsure = system.unsymmetric() & ~definite
             usable = usable | unsure
             full_steps = copy_with(full_steps, may_go_uphill=unsure & ~is_full)
@@ -267,9 +241,7 @@ class StructureSteps:
             cables = partial_net.equations(*given)
             tangents = partial_net.tangents(x, tangents, cables)
         if own.predicted is not None:
-            predicting = is_prediction_step(state.steps) & ~is_full & ~converged
-            if partial_net is not None:
-                predicting = predicting | (unknowns.takes_interior_or_finishing_steps & ~converged)
+            predicting = ~is_full & ~converged
             forces = own.predicted.geometric_forces(chords, predicting)
             if partial_net is not None:
                 forces = partial_net.geometric_forces(forces, chords.force, unknowns)

@@ -44,6 +44,7 @@ from ..spaces.space import Motion
 from .conic_equations import ConicEquations
 from .conic_interior_point import ConicInteriorPoint
 from .interior_point import InteriorPoint, LengthBoundEquations
+from .newton_state import Evaluation
 from .newton_step import max_abs
 
 MIXED, INTERIOR, FINISH = range(3)
@@ -183,11 +184,9 @@ class TensionUnknowns:
 
     def switch_mode(
         self,
-        x: Motion,
+        point: Evaluation,
         begin: Motion,
         finite: Bool[Array, ""],
-        residual: Float[Array, ""],
-        scale: Float[Array, ""],
         astray: Bool[Array, ""],
         length: Float[Array, ""],
         full_steps_failed: Bool[Array, ""] | None = None,
@@ -195,9 +194,9 @@ class TensionUnknowns:
         """Choose the mode after a step: the same, interior or finishing.
 
         Args:
-            x, begin: the point reached, and the start of the increment (motions of all rows).
+            point: `Evaluation` of the point reached.
+            begin: start of the increment (motion of all rows).
             finite: whether the step led to finite forces.
-            residual, scale: largest residual at x and the force it is compared with, N.
             astray: whether the point is far from the structure.
             length: mean length of elements, m.
             full_steps_failed: where the structure has other elements, too: whether the full Newton
@@ -205,9 +204,10 @@ class TensionUnknowns:
                 if this is true, but not because a step was refused. None for a net.
 
         Returns:
-            The state; the point to go on from; whether this is another one than x; whether no mode
-            is left.
+            The state; the point to go on from; whether this is another one than `point`; whether no
+            mode is left.
         """
+        x, scale, residual = point.x, point.scale, max_abs(point.residual)
         mixed, finishing, interior = (
             self.mode == MIXED,
             self.takes_finishing_steps,
