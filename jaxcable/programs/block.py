@@ -184,17 +184,11 @@ class Block:
         return found._replace(shape=shape)
 
     def write_call(
-        self,
-        text: str,
-        inputs: Sequence[Value],
-        avals: Sequence[Any],
-        pure: bool = True,
-        work: float = 1.0,
+        self, text: str, inputs: Sequence[Value], avals: Sequence[Any], pure: bool = True
     ) -> list[Value]:
         """Write a call that returns a tuple of arrays in full shapes; return their values.
 
-        `text` is a template; `avals` have the shapes and dtypes of the results; `work` is as of
-        `write`.
+        `text` is a template; `avals` have the shapes and dtypes of the results.
         """
         names = tuple(x.name for x in inputs)
         block = self._outermost(inputs) if pure else self
@@ -209,7 +203,7 @@ class Block:
             left = "".join(x.name + "," for x in found)
             line = text.format(*names)
             block.lines.append(f"({left})={line}" if found else line)
-            block.work += work
+            block.work += 1
             if pure:
                 block._written[text, names] = found
         return found

@@ -13,8 +13,6 @@ import numpy as np
 
 from .rules import result_of, rule
 
-_ADDED_PER_CALL = 200  # entries that are added at places in the time that a call of NumPy takes
-
 
 def _mode(equation):
     """Return "clip" or "fill": what is done with indices outside."""
@@ -157,8 +155,7 @@ def _scatter(block, equation, inputs):
         inputs, text = [*inputs, block.full(x)], f"{function}({{2}},{{0}},{{1}})"
     elif x.depth > 0 or x.held or block.names.space[x.name]:
         inputs, text = [*inputs, x], "{2}+" + text
-    work = 3 + math.prod(updates.shape) / _ADDED_PER_CALL
-    return [block.write(text, inputs, x.shape, x.dtype, work=work)]
+    return [block.write(text, inputs, x.shape, x.dtype, work=3)]
 
 
 def _make_flat_places(numbers, whole, updates, clips):

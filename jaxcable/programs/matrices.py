@@ -9,8 +9,6 @@ from scipy.linalg import blas, lapack
 
 from .rules import NoRuleError, places, result_of, rule, write_full
 
-_PRODUCTS_PER_CALL = 3000  # products of numbers in the time that a call of a NumPy function takes
-
 
 @rule("dot_general")
 def _dot_general(block, equation, inputs):
@@ -24,9 +22,7 @@ def _dot_general(block, equation, inputs):
         text = f"{left}.dot({right})"
     else:
         text = _stacked_product(a.shape, b.shape, shape, numbers)
-    inner = math.prod(a.shape[k] for k in of_a)
-    work = 1 + inner * math.prod(shape) / _PRODUCTS_PER_CALL
-    return [block.write(text, [a, b], shape, dtype, work=work)]
+    return [block.write(text, [a, b], shape, dtype)]
 
 
 def _converted(block, x, dtype):
@@ -79,12 +75,10 @@ def _by_lapack(name, n_core=2):
             if letter is None or any(not math.prod(x.shape) for x in inputs):
                 raise NoRuleError(f"{name} of {inputs[0].dtype} in shape {inputs[0].shape}")
             function = block.names.helper(_for_each, make(letter, equation.params), n_core)
-            text, shape = f"{function}({places(inputs)})", inputs[0].shape
-            n_case = math.prod(shape[: len(shape) - n_core])
-            work = 4 * n_case + shape[-1] * math.prod(inputs[-1].shape) / _PRODUCTS_PER_CALL
+            text = f"{function}({places(inputs)})"
             if len(avals) == 1:
-                return write_full(block, equation, text, inputs, work=work)
-            return block.write_call(text, [block.full(x) for x in inputs], avals, work=work)
+                return write_full(block, equation, text, inputs, work=4)
+            return block.write_call(text, [block.full(x) for x in inputs], avals)
 
     return register
 
