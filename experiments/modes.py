@@ -32,9 +32,8 @@ from record import Record
 
 import jaxcable as jc
 from jaxcable.equilibrium import iteration
-from jaxcable.equilibrium.predicted_forces import is_prediction_step
 
-STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish", "search"
+STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish"
 STEPS += "full", "uphill", "predicted", "Newton"
 NONE = -1
 
@@ -71,22 +70,21 @@ LISTENER = Listener()
 
 def kind_of_step(search, state):
     """Number of the kind of the step that a state is about to try."""
-    unknowns, steps = state.tension_unknowns, state.steps - 1
+    strategy = state.strategy
     names = {name: k for k, name in enumerate(STEPS)}
-    if search.is_net:
-        of = "cones" if unknowns.has_cones else "bounds"
-        modes = [names["mixed"], names[of], names[f"{of}' finish"], names["search"]]
-        return jnp.array(modes)[unknowns.mode]
-    kind = jnp.int32(names["Newton"])
-    if state.predicted is not None:
-        kind = jnp.where(is_prediction_step(steps), names["predicted"], kind)
-    if state.full_steps is not None and state.full_steps.may_go_uphill is not None:
-        kind = jnp.where(state.full_steps.may_go_uphill, names["uphill"], kind)
+    if search.system.is_net:
+        of = "cones" if strategy.has_cones else "bounds"
+        return jnp.array([names["mixed"], names[of], names[f"{of}' finish"]])[strategy.mode]
+    kind, unknowns, full_steps = jnp.int32(names["Newton"]), strategy.unknowns, strategy.full_steps
+    if strategy.predicted is not None:
+        kind = jnp.int32(names["predicted"])
+    if full_steps is not None:
+        kind = jnp.where(full_steps.may_go_uphill, names["uphill"], kind)
     if unknowns is not None:
         kind = jnp.where(unknowns.uses_interior_point, names["bounds"], kind)
         kind = jnp.where(unknowns.takes_finishing_steps, names["bounds' finish"], kind)
-    if state.full_steps is not None:
-        kind = jnp.where(state.full_steps.is_on, names["full"], kind)
+    if full_steps is not None:
+        kind = jnp.where(full_steps.is_on, names["full"], kind)
     return kind
 
 
@@ -97,8 +95,8 @@ def listen():
     @functools.wraps(iterate)
     def told(self, state):
         after = iterate(self, state)
-        kind = jnp.where(after.stays_at_x, NONE, kind_of_step(self, after))
-        given = state.code < 0, kind, after.done, after.code
+        kind = jnp.where(after.stays_at_point, NONE, kind_of_step(self, after))
+        given = ~state.progress.has_begun, kind, after.done, after.code
         jax.debug.callback(LISTENER.hear, *given)
         return after
 

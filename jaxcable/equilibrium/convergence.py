@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
 from .newton_step import max_abs
@@ -159,6 +159,80 @@ class AddedLoadCriterion:
         return met, ~met & lost
 
 
-def is_stagnant(steps_without_halving: Int[Array, ""]) -> Bool[Array, ""]:
-    """Return whether the iteration is to stop after so many steps without halving the residual."""
-    return steps_without_halving >= _STAGNANT_STEPS
+@pytree
+class Progress:
+    """What the first point of an iteration has set, and how the residual has fallen since.
+
+    Attributes:
+        has_begun: whether a point has been evaluated.
+        start_residual: largest residual at the start of the increment, N.
+        start_rounding: residual that the rounding of the first point excuses throughout, N, a
+            scalar or [n_free]; None if no element estimates any.
+        stagnant_steps: steps that met the criterion of forces without halving the residual.
+    """
+
+    has_begun: Bool[Array, ""]
+    start_residual: Float[Array, ""]
+    start_rounding: Array | None
+    stagnant_steps: Int[Array, ""]
+
+
+class Convergence:
+    """Both criteria of convergence of an increment.
+
+    Args:
+        settings: `IterationSettings`.
+        criterion: `AddedLoadCriterion` of the increment; None: the residual is only compared with
+            forces. So it is in float32.
+        dtype: dtype of the motion.
+    """
+
+    def __init__(
+        self, settings: IterationSettings, criterion: AddedLoadCriterion | None, dtype: DTypeLike
+    ):
+        self.tol, self.max_steps = residual_tolerance(settings, dtype), settings.max_steps
+        self.criterion = criterion if jnp.finfo(dtype).eps < 1e-12 else None
+
+    def carried_residual(
+        self, scale: Float[Array, ""], steps: Int[Array, ""]
+    ) -> Float[ArrayLike, " n_free"]:
+        """Return the earlier residual that counts as a load, [n_free], N."""
+        if self.criterion is None:
+            return 0.0
+        return self.criterion.carried_residual(scale, self.tol, steps)
+
+    def compare(
+        self,
+        progress: Progress,
+        residuals: tuple[Float[Array, " n_free"], Float[Array, ""]],
+        scale: Float[Array, ""],
+        granted: Float[Array, " n_free"],
+        steps: Int[Array, ""],
+        search_over: Bool[Array, ""],
+    ) -> tuple[Progress, Bool[Array, ""], Bool[ArrayLike, ""]]:
+        """Compare the residual at a point with the tolerances.
+
+        Args:
+            progress: `Progress` so far.
+            residuals: residual at the point, less the carried one, [n_free], and the largest one at
+                the point before, N.
+            scale: force that residuals are compared with, N.
+            granted: residual that rounding excuses, [n_free], N.
+            steps: Newton steps so far.
+            search_over: whether the search along the last step has ended.
+
+        Returns:
+            The `Progress`; whether the point is an equilibrium; whether it leaves less than half of
+            the digits of the load.
+        """
+        residual, before = residuals
+        balanced = residual + self.carried_residual(scale, steps)
+        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * scale, granted))
+        if self.criterion is None:
+            return progress, converged, False
+        halved = max_abs(residual) < 0.5 * before
+        stagnant = progress.stagnant_steps + (converged & search_over & ~halved)
+        given = residual, granted, scale, progress.start_residual, self.tol
+        met, lost = self.criterion.compare_with_load(*given)
+        ends = converged & (met | (stagnant >= _STAGNANT_STEPS) | (steps >= self.max_steps))
+        return copy_with(progress, stagnant_steps=stagnant), ends, ends & lost

@@ -61,22 +61,23 @@ class LevenbergShift:
 class FullStepPhase:
     """Up to 20 full Newton steps without line search, with which an iteration begins.
 
+    So do structures whose tangent can be unsymmetric: by rotations, following loads or elements.
     If they fail, the iteration starts again from its first point, with line search.
 
     Attributes:
         is_on: whether the iteration takes full steps without line search.
         may_go_uphill: whether, later, the symmetric part of an unsymmetric tangent is not positive
             definite, so that the step need not be a descent direction: it is tried whole, and taken
-            if it decreases the residual. None where all tangents are symmetric.
+            if it decreases the residual.
     """
 
     is_on: Bool[Array, ""]
-    may_go_uphill: Bool[Array, ""] | None = None
+    may_go_uphill: Bool[Array, ""]
 
     @classmethod
-    def initial(cls, may_be_unsymmetric: bool) -> FullStepPhase:
+    def initial(cls) -> FullStepPhase:
         """Return the state at the start of an iteration: full steps are on."""
-        return cls(jnp.ones((), bool), jnp.zeros((), bool) if may_be_unsymmetric else None)
+        return cls(jnp.ones((), bool), jnp.zeros((), bool))
 
     def accept(
         self,
@@ -96,8 +97,6 @@ class FullStepPhase:
         """
         fine, again = searched
         fine, again = jnp.where(self.is_on, finite, fine), again & ~self.is_on
-        if self.may_go_uphill is None:
-            return fine, again
         before, after = map(max_abs, residuals)
         falls = finite & (after < _MAX_RATIO * before)
         return jnp.where(self.may_go_uphill, falls, fine), again & ~self.may_go_uphill

@@ -62,7 +62,7 @@ def _find_failure_cause(system, end, residual, rounding):
         end: `NewtonState` in which it has ended.
         residual, rounding: largest residual and its largest rounding error, N.
     """
-    ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
+    ends = [(system.nodes[g.links], end.point.x[g.links][..., :3]) for g in system.groups]
     pieces = [chain_differences(at) for at, _ in ends], [chain_differences(sum(at)) for at in ends]
     before, after = (
         jnp.concatenate([jnp.sum(piece**2, axis=-1).reshape(-1) for piece in of]) for of in pieces
@@ -70,7 +70,7 @@ def _find_failure_cause(system, end, residual, rounding):
     met = jnp.any((before > 0) & (after <= _MET**2 * before))
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
-    if end.rounding is not None:
+    if end.point.rounding is not None:
         near = is_residual_at_rounding(system, residual, rounding)
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
@@ -106,31 +106,32 @@ def make_outcome(
         ruptured: whether an element ended beyond its rupture strain.
         factored: factored matrix at its start, to count factorizations; None with dense ones.
     """
-    forces = max_abs(end.residual), _largest_rounding(end)
+    forces = max_abs(end.point.residual), _largest_rounding(system, end)
     code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
     if system.has_rupture:
         ruptured = active & (code != status.NONFINITE) & ruptured
         code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
-    x = select_tree(good, end.x, x)
+    x = select_tree(good, end.point.x, x)
     if factored is None or end.factored is None:
         count = end.steps
     else:
         count = end.factored.count - factored.count
     # after an earlier failure nothing was evaluated
     residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
-    stable = good & end.stable
-    return IncrementOutcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
+    stable, scale = good & end.stable, end.point.scale
+    return IncrementOutcome(x, code, end.steps, count, residual, scale, rounding, good, stable)
 
 
-def _largest_rounding(end):
+def _largest_rounding(system, end):
     """Return the largest residual that the rounding of displacements leaves, N.
 
-    It is the larger of that at the end of an iteration (a `NewtonState`) and that at its start.
+    That is at the end of an iteration (a `NewtonState`), or at its start if it was larger there
+    and the structure is no net.
     """
-    if end.rounding is None:
-        return jnp.zeros_like(end.scale)
-    rounding = end.rounding
-    if end.start_rounding is not None:
-        rounding = jnp.maximum(rounding, end.start_rounding)
+    rounding = end.point.rounding
+    if rounding is None:
+        return jnp.zeros_like(end.point.scale)
+    if not system.is_net:
+        rounding = jnp.maximum(rounding, end.progress.start_rounding)
     return jnp.max(rounding, initial=0.0)

@@ -19,7 +19,7 @@ makes progress: see `partial_net`. For all others:
 3. Full steps first (`globalization.FullStepPhase`): a full Newton step often stretches elements
    that should only bend or swing, or slackens cables that the next step tightens. The energy rises,
    although the next full step corrects this; a line search would allow tiny steps only. Structures
-   with rotations, those under following loads, and cables along which loads slide therefore start
+   with rotations, those under following loads, and those with unsymmetric elements therefore start
    with up to 20 full Newton steps. If these fail, the iteration starts again with line search, or
    where there are cables beside other elements, with interior-point steps.
    (Where nodal moments, following loads or elements without a potential make the tangent
@@ -162,8 +162,8 @@ def equilibrate(
         factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
     end = _iterate_until_done(system, x, method, active, factored, judges_stability)
     # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
-    ruptured = system.has_rupture and system.is_ruptured(end.x)
-    end = copy_with(end, x=end.x[:, : x.shape[1]])  # with a fine part only if x has one
+    ruptured = system.has_rupture and system.is_ruptured(end.point.x)
+    end = end.with_point(x=end.point.x[:, : x.shape[1]])  # with a fine part only if x has one
     return make_outcome(system, end, x, active, ruptured, factored), end.factored
 
 
@@ -187,10 +187,10 @@ def _iterate_until_done(
 
     def iterate(system, x, active, factored, steps):
         search = EquilibriumSearch(system, x, method, judges_stability, criterion, only_evaluates)
-        start = copy_with(search.initial_state(factored), steps=steps)
+        start = search.initial_state(factored, steps)
         end = lax.while_loop(lambda it: active & ~it.done, search.iterate, start)
-        carried = search.carried_residual(end.scale, end.steps)
-        return copy_with(end, residual=end.residual + carried)
+        carried = search.convergence.carried_residual(end.point.scale, end.steps)
+        return end.with_point(residual=end.point.residual + carried)
 
     convex, none = system.without_softening(), jnp.int32(0)
     if system.is_net or not convex.is_net:
@@ -206,23 +206,26 @@ def _iterate_until_done(
     # from beyond a peak the branch is followed on which the increment before has ended
     starts_convex = active & is_below_peaks(x) & ~jnp.asarray(only_evaluates)
     first = iterate(convex, x, starts_convex, factored, none)
-    found = active & (first.code == status.OK)
-    at = select_tree(found, drop_low_part(first.x), x)
+    found = starts_convex & (first.code == status.OK)
+    at = select_tree(found, drop_low_part(first.point.x), x)
     below = found & is_below_peaks(at)
     # an iteration that has found nothing does not count
     steps = jnp.where(found, first.steps, 0)
     end = iterate(system, at, active & ~below, first.factored, steps)
     lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
-    near = is_residual_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
+    forces = max_abs(first.point.residual), max_abs(first.point.rounding)
+    near = starts_convex & is_residual_at_rounding(convex, *forces)
     near = ~found & near & (end.code == status.NOT_CONVERGED)
     code = jnp.where(near, status.AT_ROUNDING, end.code)
     code = jnp.where(found & lost, status.BEYOND_PEAK, code)
     # whether a curve has ended is judged where the load leads, not where the iteration got lost
-    end = copy_with(end, code=code, x=select_tree(found & lost, at, end.x))
-    known = ("residual", "scale", "code", "steps", "stable")
-    return copy_with(
-        end, **{k: select_tree(below, getattr(first, k), getattr(end, k)) for k in known}
-    )
+    x = select_tree(found & lost, at, end.point.x)
+    at_point = [(of.point.residual, of.point.scale) for of in (first, end)]
+    residual, scale = select_tree(below, *at_point)
+    ends = (first.code, first.steps, first.stable), (code, end.steps, end.stable)
+    code, steps, stable = select_tree(below, *ends)
+    end = copy_with(end, code=code, steps=steps, stable=stable)
+    return end.with_point(x=x, residual=residual, scale=scale)
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:
@@ -292,7 +295,7 @@ def solve_increments(
         given = method, active | only_evaluates, factored, judges, criterion, only_evaluates
         end = _iterate_until_done(system, x, *given)
         begins, ended = is_first & at_start, active & (end.code <= status.OK)
-        motion, ruptured = select_tree(begins, first, end.x), False
+        motion, ruptured = select_tree(begins, first, end.point.x), False
         reading = lax.cond(
             begins | ended,
             lambda: evaluate_output(_with_initial_element_states(system, begun, factor), motion),
@@ -310,7 +313,7 @@ def solve_increments(
         outcome = copy_with(outcome, code=code)
         if report is not None:
             lax.cond(live, lambda: report(factor, outcome), lambda: None)
-        carry = outcome.x, code, memory, end.factored, reading, end.residual
+        carry = outcome.x, code, memory, end.factored, reading, end.point.residual
         return carry, (outcome.x, outcome.log_row, reading.increment_results)
 
     none = jnp.zeros(ramp.dof_map.free.shape[0], x.dtype)

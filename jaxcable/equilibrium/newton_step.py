@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
@@ -26,20 +24,27 @@ _MAX_FORCING = 1e-2
 def newton_direction(
     system: System,
     matrix: Matrix,
-    state: Any,  # a `newton_state.NewtonState`; that module imports this one
     rhs: Float[Array, " n_free"],
+    relative_residual: Float[Array, ""],
     tol: Float[Array, ""],
+    factored: FactoredMatrix | None,
     wanted: Bool[Array, ""],
+    similar: Bool[Array, ""],
+    min_limit: int = 0,
 ) -> tuple[Float[Array, " n_free"], Bool[Array, ""], FactoredMatrix | None]:
     """Solve the linear equations of a Newton step.
 
     Args:
         system: `System`.
         matrix: its tangent with the Levenberg shift.
-        state: `newton_state.NewtonState`, the point and the last factor.
         rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
+        relative_residual: largest residual at the point over the force it is compared with.
         tol: relative residual that counts as converged.
+        factored: the last factored matrix.
         wanted: False if the result does not matter (a finished case of a batch).
+        similar: whether the matrix is positive definite and like that of the step before, so that
+            conjugate gradients may use its factor.
+        min_limit: as `limit` of `linear.solve_reusing_factor`, where it is not.
 
     Returns:
         Step [n_free], NaN if an unsymmetric matrix is singular; whether the symmetric part of the
@@ -48,17 +53,10 @@ def newton_direction(
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
-    relative = max_abs(state.residual) / state.scale
-    forcing = jnp.clip(relative, 0.1 * tol / relative, _MAX_FORCING)
-    similar, min_limit = system.convex, 0
-    if (
-        state.tension_unknowns is not None
-    ):  # matrices of interior steps differ too much from each other
-        similar = similar & ~state.tension_unknowns.has_interior_matrix
-        min_limit = state.tension_unknowns.interior_point.min_cg_limit
+    forcing = jnp.clip(relative_residual, 0.1 * tol / relative_residual, _MAX_FORCING)
     limit = jnp.where(similar, CG_LIMIT, min_limit)
     step, definite, factored = linear.solve_reusing_factor(
-        matrix, rhs, state.factored, forcing, limit, wanted
+        matrix, rhs, factored, forcing, limit, wanted
     )
     if system.may_be_unsymmetric:
         # Moments, following loads and elements that say so have no potential. Where the symmetric

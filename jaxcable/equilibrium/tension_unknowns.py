@@ -20,10 +20,9 @@ cables and other laws, and in float32, a bound on every length (`interior_point`
 
 The iteration is mixed as long as the residual falls; then interior, from the start of the
 increment; then it is finished by mixed steps, or with cones by finishing steps of their own,
-because interior steps become inaccurate where slack and taut cannot be told apart; and if all of
-this fails, it goes on by plain Newton steps with a line search. Nets with cones begin with the
-interior iteration where no cable has tension, because mixed steps do not help there, and leave
-mixed steps early.
+because interior steps become inaccurate where slack and taut cannot be told apart. Nets with cones
+begin with the interior iteration where no cable has tension, because mixed steps do not help there,
+and leave mixed steps early.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -45,9 +44,10 @@ from ..spaces.space import Motion
 from .conic_equations import ConicEquations
 from .conic_interior_point import ConicInteriorPoint
 from .interior_point import InteriorPoint, LengthBoundEquations
+from .newton_state import Evaluation
 from .newton_step import max_abs
 
-MIXED, INTERIOR, FINISH, SEARCH = range(4)
+MIXED, INTERIOR, FINISH = range(3)
 
 # Steps within which the residual must halve, and all steps, of a mode: mixed, finishing, and
 # finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
@@ -70,9 +70,9 @@ class TensionUnknowns:
 
     Attributes:
         mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
-            interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
-            with line search). In structures with other elements, too (`partial_net`), all but
-            `INTERIOR` are Newton steps for displacements only, with predicted axial forces.
+            interior-point method) or `FINISH` (Newton steps from its end). In structures with other
+            elements, too (`partial_net`), all but `INTERIOR` are Newton steps for displacements
+            only, with predicted axial forces.
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
@@ -136,11 +136,6 @@ class TensionUnknowns:
         return isinstance(self.interior_point, ConicInteriorPoint)
 
     @property
-    def uses_line_search(self) -> Bool[Array, ""]:
-        """Whether the mode is `SEARCH`: Newton steps with a line search."""
-        return self.mode == SEARCH
-
-    @property
     def uses_interior_point(self) -> Bool[Array, ""]:
         """Whether the mode is `INTERIOR`: steps of the interior-point method."""
         return self.mode == INTERIOR
@@ -185,25 +180,23 @@ class TensionUnknowns:
 
         It covers what rounding makes of a zero stiffness, and grows after indefinite matrices.
         """
-        return jnp.where(self.uses_line_search, 1, self.indefinite_count**6)  # 0, 1, 64, 729
+        return self.indefinite_count**6  # 0, 1, 64, 729
 
     def switch_mode(
         self,
-        x: Motion,
+        point: Evaluation,
         begin: Motion,
         finite: Bool[Array, ""],
-        residual: Float[Array, ""],
-        scale: Float[Array, ""],
         astray: Bool[Array, ""],
         length: Float[Array, ""],
         full_steps_failed: Bool[Array, ""] | None = None,
-    ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""]]:
-        """Choose the mode after a step: the same, interior, finishing, or line search.
+    ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""], Bool[Array, ""]]:
+        """Choose the mode after a step: the same, interior or finishing.
 
         Args:
-            x, begin: the point reached, and the start of the increment (motions of all rows).
+            point: `Evaluation` of the point reached.
+            begin: start of the increment (motion of all rows).
             finite: whether the step led to finite forces.
-            residual, scale: largest residual at x and the force it is compared with, N.
             astray: whether the point is far from the structure.
             length: mean length of elements, m.
             full_steps_failed: where the structure has other elements, too: whether the full Newton
@@ -211,8 +204,10 @@ class TensionUnknowns:
                 if this is true, but not because a step was refused. None for a net.
 
         Returns:
-            The state; the point to go on from; whether this is another one than x.
+            The state; the point to go on from; whether this is another one than `point`; whether no
+            mode is left.
         """
+        x, scale, residual = point.x, point.scale, max_abs(point.residual)
         mixed, finishing, interior = (
             self.mode == MIXED,
             self.takes_finishing_steps,
@@ -238,11 +233,11 @@ class TensionUnknowns:
         given = self, finite, since, residual / scale, length
         finish = self.interior_point.decide_finish(*given)
         finishes = interior & finish.now
-        searches = returns & (self.finishes >= self.interior_point.max_finishes)
+        gives_up = returns & (self.finishes >= self.interior_point.max_finishes)
         if finish.failed is not None:
-            searches = searches | (interior & finish.failed)
+            gives_up = gives_up | (interior & finish.failed)
         mode = jnp.where(finishes, FINISH, self.mode)  # fewer kernels than `jnp.select`
-        mode = jnp.where(searches, SEARCH, jnp.where(begins | returns, INTERIOR, mode))
+        mode = jnp.where(begins | returns, INTERIOR, mode)
         changed = mode != self.mode
         count = self.finishes + 1
         if finish.final is not None:
@@ -253,7 +248,7 @@ class TensionUnknowns:
             self,
             mode=mode,
             guess=select_tree(finishes, self.interior_point.tension, self.guess),
-            is_new_mode=(begins | searches) | (self.is_new_mode & ~changed),
+            is_new_mode=begins | (self.is_new_mode & ~changed),
             best_residual=jnp.where(changed, residual, best),
             steps_since_halved=jnp.where(changed, 0, since),
             steps_in_mode=jnp.where(changed & ~returns, 0, self.steps_in_mode),
@@ -264,7 +259,7 @@ class TensionUnknowns:
             indefinite_count=jnp.where(changed, 0, self.indefinite_count),
         )
         x = select_tree(begins, begin, select_tree(returns, self.interior_motion, x))
-        return after, x, begins | returns
+        return after, x, begins | returns, gives_up
 
     def repeat_if_indefinite(
         self, after: TensionUnknowns, definite: Bool[Array, ""]
@@ -274,7 +269,7 @@ class TensionUnknowns:
         It is repeated if its matrix was not `definite`, because rounding can make a zero stiffness
         negative; otherwise the state is `after`.
         """
-        again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
+        again = ~definite & (self.indefinite_count < _MAX_SHIFTS)
         return select_tree(
             again, copy_with(self, indefinite_count=self.indefinite_count + 1), after
         ), again
@@ -298,7 +293,7 @@ class TensionUnknowns:
         """
         tension = responses.tension
         load = largest_load(system, system.external_force(x), tension)
-        guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
+        guess = select_tree(self.is_new_mode, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
         unknowns = copy_with(self, best_residual=best)

@@ -166,7 +166,7 @@ def _cond(block, equation, inputs):
 # --- calls
 
 
-@rule("jit", "closed_call", "remat2", "checkpoint")
+@rule("jit", "closed_call", "eval_jaxpr", "remat2", "checkpoint")
 @rule("custom_jvp_call", "custom_vjp_call", "custom_vmap_call")
 def _call(block, equation, inputs):
     given = equation.params

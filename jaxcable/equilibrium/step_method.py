@@ -1,0 +1,165 @@
+"""The contract of the methods that make steps, and how the iteration uses them.
+
+There are two: `NetSteps` for nets of cables, `StructureSteps` for everything else. `iteration` has
+what they share: it evaluates the point to which a step leads, compares the residual with the
+tolerances, counts steps, and ends. In each iteration it calls, in this order,
+
+    trial_point -> evaluate -> judge -> granted_residual -> choose -> make_step
+
+where all but the last run in every iteration, and `make_step` only if a step is wanted. What a
+method remembers from step to step is a pytree of its own, ``state.strategy``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..linear.sparse import FactoredMatrix
+from ..mechanics.assembly import System
+from ..spaces.space import Motion
+from .convergence import Convergence
+from .newton_state import Evaluation, NewtonState
+
+ASTRAY = 10.0  # displacement, in structure sizes, at which the kind of steps counts as failed
+
+
+class Trial(NamedTuple):
+    """What became of a trial point.
+
+    Attributes:
+        accepted: whether a step was taken.
+        fraction: which fraction of it.
+        search_over: whether no other fraction of the same step is to be tried.
+    """
+
+    accepted: Bool[Array, ""]
+    fraction: Float[ArrayLike, ""]
+    search_over: Bool[Array, ""]
+
+
+class Choice(NamedTuple):
+    """How an iteration goes on after a step.
+
+    Attributes:
+        strategy: state of the method.
+        x: motion from which it goes on.
+        elsewhere: whether this is another point than that of the last evaluation.
+        gives_up: whether no kind of steps is left.
+    """
+
+    strategy: PyTree[Array]
+    x: Motion
+    elsewhere: Bool[Array, ""]
+    gives_up: Bool[Array, ""]
+
+
+class NextStep(NamedTuple):
+    """The next step of an iteration.
+
+    Attributes:
+        strategy: state of the method.
+        step: the step, [n_free].
+        usable: whether it is to be tried.
+        repeats: whether it is no failure if it is not: another one is made from the same point.
+        counts: whether it is one of the steps that are counted: not if it only judges stability, or
+            is the first half of a step.
+        definite: whether the symmetric part of its matrix is positive definite.
+        factored: last factored sparse matrix, or None.
+    """
+
+    strategy: PyTree[Array]
+    step: Float[Array, " n_free"]
+    usable: Bool[Array, ""]
+    repeats: Bool[Array, ""]
+    counts: Bool[Array, ""]
+    definite: Bool[Array, ""]
+    factored: FactoredMatrix | None
+
+
+class StepMethod:
+    """A method that makes the steps of an iteration to equilibrium: what both have in common.
+
+    Args:
+        system: `System`.
+        begin: motion at the start of the increment.
+        convergence: `Convergence` of the increment.
+
+    Attributes:
+        farthest: displacement, in structure sizes, beyond which the structure is a mechanism.
+        length, extent: mean length of elements, and size of the structure, m.
+    """
+
+    farthest: float
+
+    def __init__(self, system: System, begin: Motion, convergence: Convergence):
+        self.system, self.begin, self.convergence = system, begin, convergence
+        self.length, self.extent = system.length_scale(), system.extent()
+
+    def initial(self) -> Any:
+        """Return the state of the method before the first evaluation."""
+        raise NotImplementedError
+
+    def trial_point(self, state: NewtonState) -> Motion:
+        """Return the motion at which the step of `state` is tried."""
+        raise NotImplementedError
+
+    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
+        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
+        raise NotImplementedError
+
+    def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:
+        """Return the `Evaluation` at `x`, in the precision that the iteration needs there."""
+        return self.evaluate_at(x, True)
+
+    def judge(
+        self, state: NewtonState, tried: Evaluation
+    ) -> tuple[Any, Float[ArrayLike, ""], Bool[Array, ""], Bool[Array, ""]]:
+        """Judge a trial point.
+
+        Returns:
+            State of the method; the fraction of the step that was tried; whether the point is
+            accepted; whether to try another fraction.
+        """
+        raise NotImplementedError
+
+    def start_rounding(self, point: Evaluation) -> Array | None:
+        """Return which residual the rounding of the first point excuses throughout, N."""
+        return point.rounding
+
+    def granted_residual(
+        self, rounding: Float[Array, " n_free"], start: Array, scale: Float[Array, ""]
+    ) -> Float[Array, " n_free"]:
+        """Return which residual the rounding of displacements excuses, [n_free], N.
+
+        Args:
+            rounding: `Evaluation.rounding` of the point.
+            start: `start_rounding` of the first point.
+            scale: force that residuals are compared with, N.
+        """
+        return jnp.maximum(rounding, start)
+
+    def is_exact_enough(self, point: Evaluation) -> Bool[ArrayLike, ""]:
+        """Return whether an equilibrium at `point` is one in the precision that it needs."""
+        return True
+
+    def choose(
+        self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
+    ) -> Choice:
+        """Choose how the iteration goes on.
+
+        Args:
+            state: `NewtonState` after the trial.
+            trial: `Trial`.
+            moved: whether a step has come to its end.
+            converged: whether the point is an equilibrium.
+        """
+        raise NotImplementedError
+
+    def make_step(
+        self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
+    ) -> NextStep:
+        """Make the next step; at an equilibrium only find out whether the tangent is definite."""
+        raise NotImplementedError

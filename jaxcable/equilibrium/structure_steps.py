@@ -1,0 +1,264 @@
+"""Steps of structures that are no nets of cables: Newton's, with predicted axial forces.
+
+The matrix is the tangent stiffness with three changes: elements with a chord have the geometric
+stiffness of their predicted axial forces (`predicted_forces`), cables beside other elements have
+the stiffness of the interior-point method in its steps (`partial_net`), and the diagonal is
+shifted. `globalization` decides which steps are accepted: full ones first where they pay, then
+those of a line search.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from .. import linear
+from ..common.batch_conditions import cond_in_batch
+from ..common.tree import copy_with, pytree, select_tree
+from ..common.types import Array, ArrayLike, Bool, Float
+from ..linear import Matrix
+from ..mechanics.assembly import System
+from ..mechanics.chords import Chords, any_chords, relative_to_first_end
+from ..numerics.line_search import LineSearch
+from ..spaces.space import Motion
+from .convergence import Convergence
+from .globalization import FullStepPhase, LevenbergShift
+from .interior_point import LengthBoundEquations
+from .newton_state import Evaluation, NewtonState
+from .newton_step import max_abs, newton_direction, with_loose_nodes_held, zero_eigenvalue_bound
+from .partial_net import PartialNet
+from .predicted_forces import PredictedForces
+from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
+from .tension_unknowns import TensionUnknowns
+
+
+@pytree
+class StructureStrategy:
+    """State of `StructureSteps`.
+
+    Attributes:
+        search: which fraction of the step is tried next (`line_search.LineSearch`).
+        shift: Levenberg shift of the tangent.
+        full_steps: `FullStepPhase` of structures that begin with full steps, else None.
+        unknowns: tensions as unknowns, of cables beside other elements; None without such cables.
+        predicted: predicted axial forces; None where no element has a chord.
+    """
+
+    search: LineSearch
+    shift: LevenbergShift
+    full_steps: FullStepPhase | None
+    unknowns: TensionUnknowns | None
+    predicted: PredictedForces | None
+
+
+class StepMatrix(NamedTuple):
+    """The matrix of a Newton step, and what the evaluation of the step needs of it.
+
+    Attributes:
+        matrix: the matrix with the shift of its diagonal, [n_free, n_free], N/m.
+        predicting: whether it has the geometric stiffness of predicted axial forces; None where no
+            element has a chord.
+        slopes: derivatives of the axial forces by the lengths of elements with a chord, [n], N/m;
+            None where there is no such element.
+        cable_equations: linear equations of the cables beside other elements, whose slopes the
+            matrix has; None where there is no such cable.
+    """
+
+    matrix: Matrix
+    predicting: Bool[Array, ""] | None
+    slopes: Float[Array, " n"] | None
+    cable_equations: LengthBoundEquations | None
+
+
+class StructureSteps(StepMethod):
+    """The method of structures that are no nets of cables."""
+
+    farthest = 1e6  # no anchored structure reaches it
+
+    def __init__(self, system: System, begin: Motion, convergence: Convergence):
+        super().__init__(system, begin, convergence)
+        self.partial_net = PartialNet.of(system)
+        # a net beyond the peak of a law finds where its curve ends by the true forces
+        softens = system.without_softening().is_net
+        self.predicts = not softens and any_chords(system.groups)
+
+    def initial(self) -> StructureStrategy:
+        """Return the state of the method before the first evaluation."""
+        zero, unknowns = jnp.zeros((), self.begin.dtype), None
+        if self.partial_net is not None:
+            net = self.partial_net.net
+            unknowns = TensionUnknowns.initial(net, self.begin, is_partial_net=True)
+        begins_with_full_steps = self.system.may_be_unsymmetric
+        return StructureStrategy(
+            search=LineSearch.init(zero),
+            shift=LevenbergShift.initial(zero.dtype),
+            full_steps=FullStepPhase.initial() if begins_with_full_steps else None,
+            unknowns=unknowns,
+            predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
+        )
+
+    def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
+        """Return the `Evaluation` at `x`; there are no low-order parts of displacements."""
+        system, net = self.system, self.partial_net
+        tangents: Any
+        if net is None:
+            end_forces, tangents = system.forces_and_tangents(x)
+        else:
+            tangents = net.evaluate(x)
+            end_forces = net.merge(tangents[0].forces, tangents[1][0])
+        rounding = system.rounding_error(x) if system.estimates_rounding else None
+        chords = Chords.of(system, x, end_forces) if self.predicts else None
+        residual, scale = system.residual_and_scale(x, end_forces)
+        return Evaluation(x, residual, scale, rounding, (tangents, chords))
+
+    def trial_point(self, state: NewtonState) -> Motion:
+        """Return the motion after the fraction of the step that the line search tries."""
+        return self.system.move(state.point.x, state.strategy.search.length * state.step)
+
+    def judge(
+        self, state: NewtonState, tried: Evaluation
+    ) -> tuple[StructureStrategy, Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
+        """Judge a point by the energy along the step, or a full step by its forces being finite."""
+        own, finite = state.strategy, jnp.isfinite(tried.scale)
+        slope = jnp.where(finite, self._energy_slope(state, tried), jnp.inf)
+        search, fine, again = own.search.update(slope)
+        if own.full_steps is not None:
+            residuals = state.point.residual, tried.residual
+            fine, again = own.full_steps.accept((fine, again), finite, residuals)
+        if own.unknowns is not None:
+            whole = own.unknowns.takes_interior_or_finishing_steps
+            fine, again = jnp.where(whole, finite, fine), again & ~whole
+        return copy_with(own, search=search), own.search.length, fine, again
+
+    def _energy_slope(self, state, tried):
+        """Return the derivative of the energy at the point `tried` along the step, J.
+
+        Axial forces beyond the cut-off of `PredictedForces` are left out.
+        """
+        slope, predicted = tried.residual @ state.step, state.strategy.predicted
+        if predicted is None:
+            return slope
+        chords, row_step = tried.elements[1], self.system.space.prolong(tried.x, state.step)
+        longer = chords.elongation(relative_to_first_end(self.system, row_step))
+        return slope - predicted.excess_force(chords.force) @ longer
+
+    def choose(
+        self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
+    ) -> Choice:
+        """Choose the shift, whether full steps go on, and whether cables get interior steps."""
+        own, x, no = state.strategy, state.point.x, jnp.zeros((), bool)
+        reach = self.system.largest_displacement(x)
+        first_shift, again, gives_up = LevenbergShift.initial(x.dtype), no, no
+        shift = own.shift.update(trial.accepted, trial.fraction)
+        shift, full_steps = select_tree(moved, shift, own.shift), own.full_steps
+        if full_steps is not None:
+            given = trial.accepted, reach, state.steps, self.extent, converged
+            new, again = full_steps.update(*given)
+            full_steps, again = select_tree(moved, new, full_steps), moved & again
+            x, shift = select_tree(again, (self.begin, first_shift), (x, shift))
+        unknowns, predicted = own.unknowns, own.predicted
+        if unknowns is not None:
+            may_switch, astray = moved & ~converged, reach > ASTRAY * self.extent
+            at = copy_with(state.point, x=x), self.begin
+            new, start, elsewhere, fails = unknowns.switch_mode(
+                *at, trial.accepted, astray, self.length, full_steps_failed=again
+            )
+            unknowns, x = select_tree(may_switch, (new, start), (unknowns, x))
+            elsewhere, gives_up = may_switch & elsewhere, may_switch & fails
+            again, changed = again | elsewhere, unknowns.mode != own.unknowns.mode
+            shift = select_tree(changed, first_shift, shift)
+            if full_steps is not None:
+                full_steps = copy_with(full_steps, is_on=full_steps.is_on & ~changed)
+            if predicted is not None:
+                predicted = copy_with(predicted, is_known=predicted.is_known & ~elsewhere)
+        after = StructureStrategy(own.search, shift, full_steps, unknowns, predicted)
+        return Choice(after, x, again, gives_up)
+
+    def make_step(
+        self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
+    ) -> NextStep:
+        """Make the next step; at an equilibrium only find out whether the tangent is definite."""
+        own, system, point = state.strategy, self.system, state.point
+        is_full, again = jnp.zeros((), bool), jnp.zeros((), bool)
+        fraction: Float[ArrayLike, ""] = 1.0
+        if own.full_steps is not None:
+            is_full = own.full_steps.is_on & ~converged
+        matrix, predicting, slopes, equations = self._matrix(state, is_full, converged)
+        rhs, unknowns, predicted = -point.residual, own.unknowns, own.predicted
+        similar = system.convex
+        if unknowns is not None:
+            rhs, similar = equations.rhs, similar & ~unknowns.has_interior_matrix
+            is_full = is_full | unknowns.takes_interior_or_finishing_steps
+        matrix = cond_in_batch(
+            converged, lambda m: with_loose_nodes_held(system, m, point.x), matrix
+        )
+        given = system, matrix, rhs, max_abs(point.residual) / point.scale, self.convergence.tol
+        step, definite, factored = newton_direction(*given, state.factored, wanted, similar)
+        slope = point.residual @ step
+        if predicted is not None:
+            row_step = system.space.prolong(point.x, step)
+            chords = point.elements[1]
+            predicted, fraction, cut = predicted.after_step(
+                system, chords, row_step, slopes, predicting
+            )
+            slope = slope - cut
+        if unknowns is not None:
+            unknowns, part = self.partial_net.take_step(point.x, step, definite, equations)
+            again, fraction = unknowns.indefinite_count > 0, jnp.minimum(fraction, part)
+            if predicted is not None:
+                force = self.partial_net.predicted_forces(predicted.force, unknowns)
+                predicted = copy_with(predicted, force=force)
+        step, slope = fraction * step, fraction * slope
+        usable, full_steps = definite & ((slope < 0) | is_full), own.full_steps
+        if full_steps is not None:
+            unsure = system.unsymmetric() & ~definite
+            usable = usable | unsure
+            full_steps = copy_with(full_steps, may_go_uphill=unsure & ~is_full)
+        usable = usable & jnp.isfinite(slope) & ~converged
+        predicted = select_tree(usable, predicted, own.predicted)
+        after = StructureStrategy(
+            LineSearch.init(slope), own.shift, full_steps, unknowns, predicted
+        )
+        return NextStep(after, step, usable, again, ~converged, definite, factored)
+
+    def _matrix(self, state, is_full, converged):
+        """Assemble the matrix of the next step from the point of `state`.
+
+        Args:
+            state: `NewtonState`.
+            is_full: whether the step is one of the full steps with which an iteration may begin,
+                which have no predicted forces.
+            converged: whether the point is an equilibrium. The matrix is then the tangent itself,
+                with a shift down by rounding only, so that it tells whether it is stable.
+        """
+        system, own, x, partial_net = self.system, state.strategy, state.point.x, self.partial_net
+        tangents, chords = state.point.elements
+        size, predicting, slopes, cables = max_abs(state.point.residual), None, None, None
+        if partial_net is not None:
+            unknowns = own.unknowns.with_mixed_mode_if(converged)
+            given = x, tangents, unknowns, state.point.residual, self.length
+            cables = partial_net.equations(*given)
+            tangents = partial_net.tangents(x, tangents, cables)
+        if own.predicted is not None:
+            predicting = ~is_full & ~converged
+            forces = own.predicted.geometric_forces(chords, predicting)
+            if partial_net is not None:
+                forces = partial_net.geometric_forces(forces, chords.force, unknowns)
+            tangents = system.tangents(x, tangents)
+            slopes = chords.axial_stiffness(system, tangents)
+            tangents = chords.with_geometric_stiffness(system, tangents, forces)
+            # after a step sideways R is that of EA, and so would be the shift
+            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.progress.start_residual)
+        shift = own.shift.value(size, self.length)
+        matrix = system.tangent(x, tangents)
+        if system.space.rotates:
+            shift = jnp.where(is_full, 0.0, shift)
+        if partial_net is not None or not system.always_convex:
+            least = zero_eigenvalue_bound(matrix)
+            shift = jnp.where(converged, -least, shift)
+        if partial_net is not None:
+            damping = jnp.maximum(cables.unknowns.interior_point.damping, least)
+            shift = jnp.where(unknowns.uses_interior_point, damping, shift)
+        matrix = linear.add_to_diagonal(matrix, shift)
+        return StepMatrix(matrix, predicting, slopes, cables)
