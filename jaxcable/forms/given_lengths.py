@@ -27,9 +27,9 @@ from ..mechanics.assembly import System
 from ..numerics import scaled
 from ..spaces.dof_map import make_dof_map
 
-# Trials of a step: whole, then halved. After 12 a step is 1/2048 of Newton's: with a tangent so
-# poor, further halving would only delay the failure status.
-_MAX_TRIALS = 12
+# Part of Newton's step that is tried last, after halving: with a tangent so poor, further halving
+# would only delay the failure status.
+_LEAST_PART = 1 / 2048
 
 
 @pytree
@@ -104,14 +104,14 @@ class SaddlePointSystem:
         system: `System` of elements that keep their forces; these are zero where the length is
             given.
         given: for each group the given lengths L of its elements, [n_elem], m, with any value where
-            none is given; None for a group without given lengths.
+            none is given.
         unit: force in N by which forces are divided; it makes the matrix entries of displacements
             and of forces about equally large.
         numbering: `SaddlePointNumbering`.
     """
 
     system: System
-    given: list[Float[Array, " n_elem"] | None]
+    given: list[Float[Array, " n_elem"]]
     unit: Float[Array, ""]
     numbering: SaddlePointNumbering
 
@@ -274,14 +274,7 @@ def solve_saddle_point(
     z: Float[Array, " n_all"],
     tol: Float[Array, ""],
     limit: Int[Array, ""] | int,
-    active: Bool[Array, ""],
-) -> tuple[
-    Float[Array, " n_all"],
-    Int[Array, ""],
-    Int[Array, ""],
-    Float[Array, " n_free"],
-    Float[Array, ""],
-]:
+) -> tuple[Float[Array, " n_all"], Int[Array, ""], Int[Array, ""]]:
     """Solve for a form with given lengths by Newton's method; not differentiable.
 
     A line search halves steps until the largest relative residual falls.
@@ -291,11 +284,9 @@ def solve_saddle_point(
         z: unknowns at the start, [n_all].
         tol: relative residual of forces and relative error of lengths at convergence.
         limit: largest number of steps.
-        active: False to return at once.
 
     Returns:
-        The unknowns z; the status; the number of steps; the unbalanced forces [n_free], N; the
-            force that they are compared with, N.
+        The unknowns z, the status, and the number of steps.
     """
 
     def worst(z):
@@ -307,19 +298,18 @@ def solve_saddle_point(
         z, size, steps, _ = state
         step, _ = linear.solve_general(saddle.tangent(z), -saddle.residual(z))
 
-        def try_shorter(search):
-            a, _, tried = search
-            a = jnp.where(tried == 0, 1.0, 0.5 * a)
-            return a, worst(z + a * step), tried + 1
+        def try_next(trial):
+            part = 0.5 * trial[0]
+            return part, worst(z + part * step)
 
-        def goes_on(search):
-            _, new, tried = search
-            return ~(new < size) & (tried < _MAX_TRIALS)
+        def goes_on(trial):
+            part, new = trial
+            return ~(new < size) & (part > _LEAST_PART)
 
-        a, new, _ = lax.while_loop(goes_on, try_shorter, (jnp.ones_like(size), size, jnp.int32(0)))
+        part, new = lax.while_loop(goes_on, try_next, (jnp.full_like(size, 2.0), size))
         better = new < size
         return (
-            jnp.where(better, z + a * step, z),
+            jnp.where(better, z + part * step, z),
             jnp.where(better, new, size),
             steps + 1,
             better,
@@ -327,14 +317,12 @@ def solve_saddle_point(
 
     def unfinished(state):
         _, size, steps, better = state
-        return active & better & (steps < limit) & ~(size <= tol)
+        return better & (steps < limit) & ~(size <= tol)
 
     begin = (z, worst(z), jnp.int32(0), jnp.ones((), bool))
     z, size, steps, _ = lax.while_loop(unfinished, iterate, begin)
     code = jnp.where(jnp.isfinite(size), status.NOT_CONVERGED, status.NONFINITE)
-    code = jnp.where(size <= tol, status.OK, code).astype(jnp.int32)
-    residual, scale, _ = saddle.convergence_measures(z)
-    return z, code, steps, residual, scale
+    return z, jnp.where(size <= tol, status.OK, code).astype(jnp.int32), steps
 
 
 def attach_saddle_point_derivative(
