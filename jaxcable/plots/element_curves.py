@@ -121,10 +121,6 @@ class SolutionCurves:
             return None
         return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
-    def after_phase(self, phase: int) -> Curves | None:
-        """Return the curves at the end of a phase that has converged; None if none are curved."""
-        return self.of_state(self.state_after_phase(phase))
-
     def in_increment(self, phase: int, number: int) -> Curves | None:
         """Return the curves in converged increment `number` of a phase; None if none are curved.
 

@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.solution import Solution
 from ..common import checks
@@ -25,7 +23,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
-from .element_curves import SolutionCurves
+from .element_curves import SolutionCurves, points_on_chords
 from .element_forces import concatenate_values, values_by_group
 from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
@@ -141,8 +139,7 @@ def envelope_diagram(
         for axes in figure.axes:
             draw_supports(axes, stage.view, stage.nodes, stage.held)
         handles += support_legend(stage.held)
-    mappable, label = bar
-    finish_layout(figure, slots, mappable, label, handles)
+    finish_layout(figure, slots, *bar, handles)
     for axes in figure.axes[: len(slots)]:
         keep_inside(axes)
     return finish_figure(figure, path)
@@ -217,9 +214,8 @@ def _draw_section_force(stage, envelope, of, high):
     beams = active[np.concatenate(bends)]
     values = {side: own[beams] for side, own in values.items()}
     ends, axes_of_beams = (x[beams] for x in _beams(structure, stage.nodes))
-    places = np.linspace(0.0, 1.0, values["high"].shape[1])
     chord = stage.nodes[ends]
-    base = (1 - places[:, None]) * chord[:, :1] + places[:, None] * chord[:, 1:]
+    base = points_on_chords(chord, values["high"].shape[1])
     sides = positive_side_directions(axes_of_beams, chord, of)
     stage.turn_to(chord, sides)
     sides = side_directions_in_picture(sides, chord[:, 1] - chord[:, 0], stage.view)
@@ -234,13 +230,12 @@ def _draw_section_force(stage, envelope, of, high):
     stage.add_lines(axes, stage.nodes, active, colors=GHOST, linewidths=1.0, zorder=1)
     seen = stage.view.project(base)
     stage.view.add_lines(axes, seen, colors=INK, linewidths=1.4, zorder=4)
-    area: Any = PolyCollection if stage.view.flat else Poly3DCollection
     handles: list[Any] = []
     for side, (word, color) in _SIDES.items():
         top = stage.view.project(tips[side])
         quads = np.concatenate([seen, top[:, ::-1]], axis=1)
         look: Any = {"facecolors": color, "edgecolors": "none", "alpha": 0.35}
-        axes.add_collection(area(quads, zorder=2, **look), autolim=False)
+        stage.view.add_faces(axes, quads, zorder=2, **look)
         stage.view.add_lines(axes, top, colors=color, linewidths=1.0, zorder=3)
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"

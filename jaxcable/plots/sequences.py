@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
+from ..common import checks
 from ..common.units import SI, UnitsLike, as_units
 from ..model.structure import Structure
 from .diagrams import ForceDiagrams
@@ -100,8 +101,7 @@ def sequence(
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.height_over_width(everything) < _WIDE else 3
-    if isinstance(columns, bool) or not isinstance(columns, int) or columns < 1:
-        raise ValueError(f"columns = {columns!r}: must be a positive integer")
+    checks.require_whole_number(columns, "columns")
     count = len(stages)
     columns = min(columns, count)
     titles = [stage.title for stage in stages]
@@ -122,8 +122,7 @@ def sequence(
         handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
-    bar, label = content.color_bar()
-    finish_layout(figure, slots, bar, label, handles, columns if seen.flat else None)
+    finish_layout(figure, slots, *content.color_bar(), handles, columns if seen.flat else None)
     return finish_figure(figure, path)
 
 
