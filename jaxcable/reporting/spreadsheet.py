@@ -8,7 +8,8 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from .document import Heading, import_library, program_versions
+from ..common import checks
+from .document import Heading, program_versions
 from .table import Table
 
 _LONGEST_NAME = 31  # characters of the name of a sheet
@@ -43,7 +44,8 @@ def workbook_bytes(
         facts: what stands below the title, pairs of a word and a text.
     """
     stream = io.BytesIO()
-    book = import_library("xlsxwriter", "XLSX").Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
+    xlsxwriter = checks.import_library("xlsxwriter", "XLSX", "reports")
+    book = xlsxwriter.Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
     when = heading.date if isinstance(heading.date, datetime.date) else _EPOCH
     if not isinstance(when, datetime.datetime):
         when = datetime.datetime.combine(when, datetime.time())
