@@ -273,7 +273,7 @@ def solve_saddle_point(
     saddle: SaddlePointSystem,
     z: Float[Array, " n_all"],
     tol: Float[Array, ""],
-    limit: Int[Array, ""] | int,
+    max_steps: Int[Array, ""] | int,
 ) -> tuple[Float[Array, " n_all"], Int[Array, ""], Int[Array, ""]]:
     """Solve for a form with given lengths by Newton's method; not differentiable.
 
@@ -283,46 +283,46 @@ def solve_saddle_point(
         saddle: the equations.
         z: unknowns at the start, [n_all].
         tol: relative residual of forces and relative error of lengths at convergence.
-        limit: largest number of steps.
+        max_steps: largest number of steps.
 
     Returns:
         The unknowns z, the status, and the number of steps.
     """
 
-    def worst(z):
+    def largest_error(z):
         residual, scale, errors = saddle.convergence_measures(z)
         forces = scaled.relative_residual(jnp.max(jnp.abs(residual), initial=0.0), scale)
         return jnp.maximum(forces, jnp.max(jnp.abs(errors), initial=0.0))
 
     def iterate(state):
-        z, size, steps, _ = state
+        z, error, steps, _ = state
         step, _ = linear.solve_general(saddle.tangent(z), -saddle.residual(z))
 
         def try_next(trial):
             part = 0.5 * trial[0]
-            return part, worst(z + part * step)
+            return part, largest_error(z + part * step)
 
         def goes_on(trial):
-            part, new = trial
-            return ~(new < size) & (part > _LEAST_PART)
+            part, new_error = trial
+            return ~(new_error < error) & (part > _LEAST_PART)
 
-        part, new = lax.while_loop(goes_on, try_next, (jnp.full_like(size, 2.0), size))
-        better = new < size
+        part, new_error = lax.while_loop(goes_on, try_next, (jnp.full_like(error, 2.0), error))
+        better = new_error < error
         return (
             jnp.where(better, z + part * step, z),
-            jnp.where(better, new, size),
+            jnp.where(better, new_error, error),
             steps + 1,
             better,
         )
 
     def unfinished(state):
-        _, size, steps, better = state
-        return better & (steps < limit) & ~(size <= tol)
+        _, error, steps, better = state
+        return better & (steps < max_steps) & ~(error <= tol)
 
-    begin = (z, worst(z), jnp.int32(0), jnp.ones((), bool))
-    z, size, steps, _ = lax.while_loop(unfinished, iterate, begin)
-    code = jnp.where(jnp.isfinite(size), status.NOT_CONVERGED, status.NONFINITE)
-    return z, jnp.where(size <= tol, status.OK, code).astype(jnp.int32), steps
+    begin = (z, largest_error(z), jnp.int32(0), jnp.ones((), bool))
+    z, error, steps, _ = lax.while_loop(unfinished, iterate, begin)
+    code = jnp.where(jnp.isfinite(error), status.NOT_CONVERGED, status.NONFINITE)
+    return z, jnp.where(error <= tol, status.OK, code).astype(jnp.int32), steps
 
 
 def attach_saddle_point_derivative(

@@ -128,7 +128,7 @@ def diagram(
         held = snapshot.support_kinds(seen.normal)
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_legend(held)
-    finish_layout(figure, slots, *found.color_bar(), handles)
+    finish_layout(figure, slots, handles)
     keep_inside(axes)
     return finish_figure(figure, path)
 
@@ -206,10 +206,6 @@ class ForceDiagrams:
             for name, sign in signed
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
-
-    def color_bar(self) -> tuple[None, str]:
-        """Return (None, ""), because these pictures have no color bar, and so no label of one."""
-        return None, ""
 
 
 class _BeamForces:

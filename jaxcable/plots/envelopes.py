@@ -139,21 +139,21 @@ def envelope_diagram(
         for axes in figure.axes:
             draw_supports(axes, stage.view, stage.nodes, stage.held)
         handles += support_legend(stage.held)
-    finish_layout(figure, slots, *bar, handles)
+    finish_layout(figure, slots, handles, bar)
     for axes in figure.axes[: len(slots)]:
         keep_inside(axes)
     return finish_figure(figure, path)
 
 
-class _Extreme(NamedTuple):
+class _GoverningValue(NamedTuple):
     """The most extreme value of a result: the value, and the name of the case that governs."""
 
     value: float
     case: str
 
 
-def _extremes(envelope, of):
-    """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
+def _governing_values(envelope, of):
+    """Return the `_GoverningValue` of a result over all places, a dict: "high", "low"."""
     found = {}
     largest = largest_size(envelope, _kind_of(of))
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
@@ -162,7 +162,7 @@ def _extremes(envelope, of):
         value, case = np.concatenate(values), np.concatenate(cases)
         if np.isfinite(value).any():
             k = pick(value)
-            found[side] = _Extreme(
+            found[side] = _GoverningValue(
                 float(zero_negligible(value[k], largest)), envelope.names[int(case[k])]
             )
     if not found:
@@ -206,14 +206,14 @@ def _draw_section_force(stage, envelope, of, high):
         side: zero_negligible(np.concatenate(_leaves(getattr(envelope, side)[of])), kind)
         for side in _SIDES
     }
-    extremes = _extremes(envelope, of)
+    extremes = _governing_values(envelope, of)
     largest = max(abs(extreme.value) for extreme in extremes.values())
     factor, unit = quantity_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
     active = _active_elements(structure, envelope).any(axis=0)
     bends = [np.full(len(one.links), isinstance(one, Bending)) for one in structure.groups]
     beams = active[np.concatenate(bends)]
     values = {side: own[beams] for side, own in values.items()}
-    ends, axes_of_beams = (x[beams] for x in _beams(structure, stage.nodes))
+    ends, axes_of_beams = (x[beams] for x in _beam_ends_and_axes(structure, stage.nodes))
     chord = stage.nodes[ends]
     base = points_on_chords(chord, values["high"].shape[1])
     sides = positive_side_directions(axes_of_beams, chord, of)
@@ -245,10 +245,10 @@ def _draw_section_force(stage, envelope, of, high):
         every[0], np.nan_to_num(every[1]), _APART * stage.extent, _LABELS, 0.0
     )
     write_values(axes, stage.view, written, factor)
-    return figure, handles, slots, (None, "")
+    return figure, handles, slots, None
 
 
-def _beams(structure, nodes):
+def _beam_ends_and_axes(structure, nodes):
     """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
     ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
     for bending in structure.groups:
@@ -271,7 +271,7 @@ def _draw_displacements(stage, envelope, solutions):
     moved = np.asarray(envelope.values["displacement"], float)
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
-    stage.turn_to(stage.nodes[_beams(stage.structure, stage.nodes)[0]], moved[case])
+    stage.turn_to(stage.nodes[_beam_ends_and_axes(stage.structure, stage.nodes)[0]], moved[case])
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
@@ -300,7 +300,7 @@ def _draw_displacements(stage, envelope, solutions):
         Line2D([], [], color=SERIES[5], linewidth=0.8, label=f"all {len(good)} cases"),
         Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="input"),
     ]
-    return figure, handles, slots, (None, "")
+    return figure, handles, slots, None
 
 
 def _magnified_curves(structure, solutions, number, factor):
@@ -335,7 +335,7 @@ def _draw_element_values(stage, envelope, of):
         )
         for side in _SIDES
     }
-    extremes = _extremes(envelope, of)
+    extremes = _governing_values(envelope, of)
     scale = ColorScale(list(values.values()), stage.units)
     titles = [f"{word} {scale.name}" for word, _ in _SIDES.values()]
     view = stage.view

@@ -122,7 +122,8 @@ def sequence(
         handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
-    finish_layout(figure, slots, *content.color_bar(), handles, columns if seen.flat else None)
+    bar = content.color_bar() if diagram is None else None
+    finish_layout(figure, slots, handles, bar, columns if seen.flat else None)
     return finish_figure(figure, path)
 
 
@@ -147,7 +148,7 @@ def _stages_of_phases(snapshots, magnify):
 
 
 class _ColoredElementPictures:
-    """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
+    """The pictures of a sequence with colored elements; drawn as `ForceDiagrams` are.
 
     It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, and `Units`
     or None.
