@@ -25,7 +25,7 @@ from ..model.structure import Structure, position_rules
 from ..spaces import Translations
 from ..spaces.dof_map import DofMap
 
-# Rules of lengths, and of forces of cables: which of the elements that are meant break it, its text.
+# Rules of lengths and of forces of cables: which of the elements that are meant break it, its text.
 _LENGTHS = (lambda values, meant: meant & (values <= 0)), "must be positive"
 _FORCES = (lambda values, meant: meant & (values < 0)), "a cable carries tension only; use Bars"
 

@@ -605,7 +605,7 @@ jc.plots.diagram(twice(solution()), structure=HUNG)  # solution: is a batch
 jc.plots.increments(twice(solution()))  # solution: is a batch
 jc.plots.increments(solution(), tol=0)  # tol = 0: must be positive
 jc.plots.net(solution(), color="stress")  # color = 'stress'
-jc.plots.net(solution(), structure=net())  # solution: belongs to a structure of
+jc.plots.net(solution(), structure=net())  # solution: element groups: one
 jc.plots.net(solution(), color="utilization")  # structure: needed for color
 jc.plots.net(solution(), color="utilization", structure=HUNG)  # strength: no group has one
 jc.plots.net(solution(), axes=True)  # structure: needed for axes
