@@ -66,14 +66,15 @@ def run(options: Namespace) -> None:
     given: dict[str, Any] = {}
     bends = not all(isinstance(group, Straight) for group in structure.groups)
     try:
-        if options.tension is not None or options.free is not None:
-            given = _values_by_group(options, structure, units, densities, lengths)
-            form = find_form(structure, loads=acting.loads, **given)
-        elif lengths is not None:
-            form = _find_form_with_lengths(structure, densities, lengths, acting.loads)
-        else:
+        if (options.tension, options.free, lengths) == (None, None, None):
             form, stated = None, {"force_density": densities}
             positions = _force_density_positions(structure, densities, acting.loads)
+        else:
+            given = _values_by_group(options, structure, units, densities, lengths)
+            if options.tension is None and options.free is None:
+                form = _find_form_with_lengths(structure, given, acting.loads)
+            else:
+                form = find_form(structure, loads=acting.loads, **given)
     except ValueError as error:
         hint = "; masts and guys may have --length" if "has no force density" in str(error) else ""
         raise BadInput(f"{options.scene}: {error}{hint}") from None
@@ -323,24 +324,18 @@ def _force_density_positions(structure, densities, loads):
     return positions
 
 
-def _find_form_with_lengths(structure, densities, lengths, loads):
+def _find_form_with_lengths(structure, given, loads):
     """Find the `Form` of a net by force densities, and of its masts and guys by lengths.
 
     First the ends of elements with given lengths are fixed, and force densities give the shape of
     the net. Then the tensions of the net are kept, and `find_form` finds the forces in the masts
-    and guys.
+    and guys. `given` is from `_values_by_group`.
     """
-    given = value_per_group(lengths, structure, "--length")
-    values = value_per_group(densities, structure, "--force-density")
-    if isinstance(densities, float):  # one for all groups without lengths
-        values = [q if length is None else None for q, length in zip(values, given, strict=True)]
+    values = structure.group_tree.flatten_up_to(given["force_density"])
     named, ends = named_groups_of(structure), []
-    for (name, group), length, q in zip(named, given, values, strict=True):
-        if length is not None:
+    for (name, group), q in zip(named, values, strict=True):
+        if q is None:
             ends.append(group.links.array.ravel())
-        if (length is None) != (q is not None):
-            count = "neither" if length is None else "both"
-            raise BadInput(f"group {name!r} has {count} of --force-density and --length; give one")
         if isinstance(q, Only):
             raise BadInput(
                 f"group {name!r}: only some elements have a force density in the scene; give "
@@ -354,7 +349,7 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
         None if q is None else np.asarray(q) * length
         for q, length in zip(values, inputs.element_lengths(shaped), strict=True)
     ]
-    return find_form(shaped, structure.arrange(tensions), loads, length=lengths)
+    return find_form(shaped, structure.arrange(tensions), loads, length=given["length"])
 
 
 def _print_group_tensions(found, stated, units):

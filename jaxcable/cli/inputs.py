@@ -87,7 +87,7 @@ def read_net(options: Namespace) -> Net:
     if options.split is None:
         return found
     # chords are that far from ends which lie on their arc
-    tolerance = max(_length(options, "tol") or 1e-6, _length(options, "sagitta") or 0.0)
+    tolerance = max(_length_in_m(options, "tol") or 1e-6, _length_in_m(options, "sagitta") or 0.0)
     with refuse_value_errors("--split"):
         made = found.split(options.split or None, tolerance=tolerance)
     print(
@@ -136,7 +136,7 @@ def refuse_options_of_other_formats(options: Namespace) -> None:
             )
 
 
-def _length(options, name):
+def _length_in_m(options, name):
     """Return a length on the command line, m, of which ``--units`` says the unit; or None."""
     value, units = getattr(options, name), parse_units(options.units)
     return value if value is None or units is None else units.to_si(value, "m")
@@ -159,7 +159,7 @@ def _read_net_files(options):
     suffixes = [path.suffix.lower() for path in paths]
     refuse_options_of_other_formats(options)
     units = parse_units(options.units)
-    tolerance = 1e-6 if options.tol is None else _length(options, "tol")
+    tolerance = 1e-6 if options.tol is None else _length_in_m(options, "tol")
     if suffixes == [".csv", ".csv"]:
         try:
             columns = _parse_column_names(options.columns)
@@ -179,7 +179,7 @@ def _read_net_files(options):
                 paths[0],
                 tolerance=tolerance,
                 supports=options.supports,
-                sagitta=_length(options, "sagitta"),
+                sagitta=_length_in_m(options, "sagitta"),
                 hidden=options.hidden,
                 largest=largest,
                 **drawn,

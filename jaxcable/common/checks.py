@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import importlib
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import Any
 
 import jax
@@ -267,6 +268,17 @@ def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str
         raise ValueError(
             f"{name}[{k}] = {numbers[k].tolist()}: the structure has nodes 0 to {n_node - 1}{hint}"
         )
+
+
+def import_library(name: str, what: str, extra: str) -> ModuleType:
+    """Import and return a library; ValueError, which says what needs it, if it is missing.
+
+    `extra` is the extra of this package that installs it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ValueError(f"{what}: needs {name}; pip install 'jaxcable[{extra}]'") from None
 
 
 def describe_type(thing: object, example: str) -> str:

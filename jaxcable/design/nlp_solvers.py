@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are imported where they are first used
 
+from ..common import checks
 from .constrained_search import ConstrainedSearch, RunEnded
 
 _LEAST_TOL = 1e-12  # least tolerance of IPOPT: below, rounding keeps it from ending
@@ -131,9 +132,5 @@ def nlp_solver_by_name(name: Any) -> Callable[[ConstrainedSearch, int, float], N
     if name not in known:
         raise ValueError(f"solver = {name!r}: expected one of {', '.join(known)}")
     if name == "ipopt":
-        try:
-            import ipyopt  # noqa: F401
-        except ImportError:
-            text = "needs ipyopt; pip install 'jaxcable[ipopt]'"
-            raise ValueError(f"solver = {name!r}: {text}") from None
+        checks.import_library("ipyopt", f"solver = {name!r}", "ipopt")
     return known[name]

@@ -289,15 +289,12 @@ def _decode_object(data, where, implied, depth):
         raise
     except ValueError as error:
         raise FileError(f"{where}: {error}") from None
-    except TypeError as error:
+    except (TypeError, AttributeError, IndexError, KeyError, OverflowError) as error:
+        # errors of constructors when a field is missing, or holds a value of a wrong kind
         needed = [f.name for f in dataclasses.fields(cls) if has_no_default(f)]
-        missing = [name for name in needed if name not in values]
-        if missing:
-            raise FileError(f"{where}: {missing[0]}: missing; {name} needs it") from None
-        raise FileError(f"{where}: these values do not make a {name}: {error}") from None
-    except (AttributeError, IndexError, KeyError, OverflowError) as error:
-        # errors of constructors when a field holds a value of a wrong kind
-        raise FileError(f"{where}: these values do not make a {name}: {error}") from None
+        missing = [f"{key}: missing; {name} needs it" for key in needed if key not in values]
+        text = next(iter(missing), f"these values do not make a {name}: {error}")
+        raise FileError(f"{where}: {text}") from None
 
 
 def _require_field_type(value, kind, where):

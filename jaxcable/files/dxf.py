@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # its parts are imported where they are first used
 
+from ..common import checks
 from ..common.compilation import without_garbage_collection
 from ..common.units import UnitsLike
 from .arcs import points_along_entity
@@ -170,10 +171,7 @@ def _read_visible_entities(document, sagitta, hidden, table):
 
 def import_ezdxf() -> ModuleType:
     """Import and return the module `ezdxf`; raise ValueError if it is not installed."""
-    try:
-        import ezdxf
-    except ImportError:
-        raise ValueError("DXF: needs ezdxf; pip install 'jaxcable[dxf]'") from None
+    ezdxf = checks.import_library("ezdxf", "DXF", "dxf")
     logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # else it prints by itself
     return ezdxf
 

@@ -145,7 +145,7 @@ def _array_shapes(kind, axes, each):
     return shapes
 
 
-def _define_array_schema(kind, shapes, bound, defs, null=()):
+def _define_array_schema(kind, shapes, bound, defs, null):
     """Add the schema of arrays of some shapes to the definitions `defs`; return a reference to it.
 
     `kind` is "Float", "Int" or "Bool", and `shapes` are tuples of axes, () for a single number.

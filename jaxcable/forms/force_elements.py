@@ -86,8 +86,8 @@ class ForceElementNet:
         nodes: positions of the supports, and start positions of other nodes, [n_node, 3], m.
         links: node numbers of every group, a list of [n_elem, 2].
         forces: prescribed forces of every group, a list of [n_elem], N.
-        springs: stiffness and unstressed length of the springs of every group, a list of pairs of
-            [n_elem], N/m and m; None for a group without springs.
+        springs: stiffness, zero without a spring, and unstressed length of the springs of every
+            group, a list of pairs of [n_elem], N/m and m.
         load: nodal loads, [n_node, 3], N.
         others: loads that depend on the form, or None.
         tension_only: whether all forces are tensions and there are no springs.
@@ -96,7 +96,7 @@ class ForceElementNet:
     nodes: Float[Array, "n_node 3"]
     links: list[Any]  # arrays in place of `Indices`
     forces: list[Float[Array, " n_elem"]]
-    springs: list[tuple[Float[Array, " n_elem"], Float[Array, " n_elem"]] | None]
+    springs: list[tuple[Float[Array, " n_elem"], Float[Array, " n_elem"]]]
     load: Float[Array, "n_node 3"]
     others: FormDependentLoads | None = None
     tension_only: bool = False
@@ -105,13 +105,12 @@ class ForceElementNet:
         """Make the `System` of equilibrium equations, with the unknowns numbered by `dof_map`."""
         groups: list[Any] = [ForceElements(links, self.tension_only) for links in self.links]
         followers = None if self.others is None else [self.others]
-        states: list[Any] = []
-        for group, force, spring in zip(groups, self.forces, self.springs, strict=True):
-            stiffness = excess = jnp.zeros_like(force)
-            if spring is not None:
-                stiffness, length = spring
-                excess = group.chord(self.nodes[group.links]) - length
-            states.append(ForceElementState(force, stiffness, excess))
+        states: list[Any] = [
+            ForceElementState(force, stiffness, group.chord(self.nodes[group.links]) - length)
+            for group, force, (stiffness, length) in zip(
+                groups, self.forces, self.springs, strict=True
+            )
+        ]
         return system_with_fixed_supports(self.nodes, groups, states, self.load, dof_map, followers)
 
     def find_equilibrium(

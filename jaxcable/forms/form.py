@@ -109,8 +109,8 @@ def make_form(
 ) -> Form:
     """Make a `Form` from a shape and its forces, whose values per element are lists of groups.
 
-    The status is MATERIAL_FAILURE if a law cannot carry its force. `arrange_form_as_elements` gives
-    the lists the pytree structure of the elements.
+    The status is PUSHING_CABLE if a cable is in compression, and MATERIAL_FAILURE if a law cannot
+    carry its force. `arrange_form_as_elements` gives the lists the pytree of the elements.
 
     Args:
         groups: element groups, with links as arrays.
@@ -128,9 +128,16 @@ def make_form(
     judged = [True] * len(groups) if follows_law is None else follows_law
     by_law = [group for group, own in zip(groups, judged, strict=True) if own]
     forces = [force for force, own in zip(tensions, judged, strict=True) if own]
+    pushing = [
+        jnp.any(force < 0)
+        for group, force in zip(by_law, forces, strict=True)
+        if group.tension_only
+    ]
     carried = laws_can_carry_tensions(*lax.stop_gradient((by_law, forces)))
-    law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
-    code = status.first_failure(code, law_code).astype(jnp.int32)
+    force_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
+    if pushing:
+        force_code = jnp.where(jnp.any(jnp.stack(pushing)), status.PUSHING_CABLE, force_code)
+    code = status.first_failure(code, force_code).astype(jnp.int32)
     ok = code == status.OK
     # forces beyond the curve of a law, or NaN, must not make other cases of a batch NaN
     groups, positions, tensions = implicit.stop_gradient_unless(ok, (groups, positions, tensions))

@@ -233,13 +233,6 @@ def _find_form(structure, prescribed, passed, dependent, method):
     last, path = solution.last, solution.phases[0].path
     tensions, rests = map(structure.group_tree.flatten_up_to, (last.tension, last.rest_length))
     is_prescribed = prescribed.is_prescribed
-    pushing = [
-        jnp.any(force < 0)
-        for group, force, own in zip(groups, tensions, is_prescribed, strict=True)
-        if own and group.tension_only
-    ]
-    slack = jnp.any(jnp.stack(pushing)) if pushing else jnp.zeros((), bool)
-    code = status.first_failure(code, jnp.where(slack, status.PUSHING_CABLE, status.OK))
     groups = merge_indices(*split_indices(groups))
     chosen = [group for group, own in zip(groups, is_prescribed, strict=True) if own]
     met = most_shortened_element(chosen, *lax.stop_gradient((nodes, last.positions)))
@@ -263,8 +256,7 @@ def _elements_of_analysis(groups, prescribed, multipliers, springs):
         if force is None:
             found.append(group)
             continue
-        zero = jnp.zeros_like(force)
-        stiffness, natural = (zero if density is None else density), zero
+        stiffness, natural = density, jnp.zeros_like(force)
         if len(at):
             end = start + len(at)
             force = force.at[at].set(multipliers[start:end])
@@ -290,11 +282,11 @@ def _given_elements(groups, prescribed):
 
 def _spring_constants(groups, prescribed, nodes):
     """Return spring constants of the elements of given length, [n_all], N/m, not differentiated."""
-    forces = [jnp.max(jnp.abs(force)) for force in prescribed.forces if force is not None]
-    for group, density in zip(groups, prescribed.densities, strict=True):
-        if density is not None:
-            forces.append(jnp.max(jnp.abs(density) * group.chord(nodes[group.links.array])))
-    largest = _SPRING_FORCE_RATIO * jnp.max(jnp.stack(forces))
+    forces = []
+    for group, force, density in zip(groups, prescribed.forces, prescribed.densities, strict=True):
+        if force is not None:
+            forces += [force, density * group.chord(nodes[group.links.array])]
+    largest = _SPRING_FORCE_RATIO * jnp.max(jnp.abs(jnp.concatenate(forces)))
     found = []
     for group, numbers, _, length in _given_elements(groups, prescribed):
         zero, one = jnp.zeros(len(group.links), nodes.dtype), jnp.ones(len(group.links))

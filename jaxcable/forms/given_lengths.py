@@ -27,9 +27,9 @@ from ..mechanics.assembly import System
 from ..numerics import scaled
 from ..spaces.dof_map import make_dof_map
 
-# Trials of a step: whole, then halved. After 12 a step is 1/2048 of Newton's: with a tangent so
-# poor, further halving would only delay the failure status.
-_MAX_TRIALS = 12
+# Part of Newton's step that is tried last, after halving: with a tangent so poor, further halving
+# would only delay the failure status.
+_LEAST_PART = 1 / 2048
 
 
 @pytree
@@ -104,14 +104,14 @@ class SaddlePointSystem:
         system: `System` of elements that keep their forces; these are zero where the length is
             given.
         given: for each group the given lengths L of its elements, [n_elem], m, with any value where
-            none is given; None for a group without given lengths.
+            none is given.
         unit: force in N by which forces are divided; it makes the matrix entries of displacements
             and of forces about equally large.
         numbering: `SaddlePointNumbering`.
     """
 
     system: System
-    given: list[Float[Array, " n_elem"] | None]
+    given: list[Float[Array, " n_elem"]]
     unit: Float[Array, ""]
     numbering: SaddlePointNumbering
 
@@ -273,15 +273,8 @@ def solve_saddle_point(
     saddle: SaddlePointSystem,
     z: Float[Array, " n_all"],
     tol: Float[Array, ""],
-    limit: Int[Array, ""] | int,
-    active: Bool[Array, ""],
-) -> tuple[
-    Float[Array, " n_all"],
-    Int[Array, ""],
-    Int[Array, ""],
-    Float[Array, " n_free"],
-    Float[Array, ""],
-]:
+    max_steps: Int[Array, ""] | int,
+) -> tuple[Float[Array, " n_all"], Int[Array, ""], Int[Array, ""]]:
     """Solve for a form with given lengths by Newton's method; not differentiable.
 
     A line search halves steps until the largest relative residual falls.
@@ -290,51 +283,46 @@ def solve_saddle_point(
         saddle: the equations.
         z: unknowns at the start, [n_all].
         tol: relative residual of forces and relative error of lengths at convergence.
-        limit: largest number of steps.
-        active: False to return at once.
+        max_steps: largest number of steps.
 
     Returns:
-        The unknowns z; the status; the number of steps; the unbalanced forces [n_free], N; the
-            force that they are compared with, N.
+        The unknowns z, the status, and the number of steps.
     """
 
-    def worst(z):
+    def largest_error(z):
         residual, scale, errors = saddle.convergence_measures(z)
         forces = scaled.relative_residual(jnp.max(jnp.abs(residual), initial=0.0), scale)
         return jnp.maximum(forces, jnp.max(jnp.abs(errors), initial=0.0))
 
     def iterate(state):
-        z, size, steps, _ = state
+        z, error, steps, _ = state
         step, _ = linear.solve_general(saddle.tangent(z), -saddle.residual(z))
 
-        def try_shorter(search):
-            a, _, tried = search
-            a = jnp.where(tried == 0, 1.0, 0.5 * a)
-            return a, worst(z + a * step), tried + 1
+        def try_next(trial):
+            part = 0.5 * trial[0]
+            return part, largest_error(z + part * step)
 
-        def goes_on(search):
-            _, new, tried = search
-            return ~(new < size) & (tried < _MAX_TRIALS)
+        def goes_on(trial):
+            part, new_error = trial
+            return ~(new_error < error) & (part > _LEAST_PART)
 
-        a, new, _ = lax.while_loop(goes_on, try_shorter, (jnp.ones_like(size), size, jnp.int32(0)))
-        better = new < size
+        part, new_error = lax.while_loop(goes_on, try_next, (jnp.full_like(error, 2.0), error))
+        better = new_error < error
         return (
-            jnp.where(better, z + a * step, z),
-            jnp.where(better, new, size),
+            jnp.where(better, z + part * step, z),
+            jnp.where(better, new_error, error),
             steps + 1,
             better,
         )
 
     def unfinished(state):
-        _, size, steps, better = state
-        return active & better & (steps < limit) & ~(size <= tol)
+        _, error, steps, better = state
+        return better & (steps < max_steps) & ~(error <= tol)
 
-    begin = (z, worst(z), jnp.int32(0), jnp.ones((), bool))
-    z, size, steps, _ = lax.while_loop(unfinished, iterate, begin)
-    code = jnp.where(jnp.isfinite(size), status.NOT_CONVERGED, status.NONFINITE)
-    code = jnp.where(size <= tol, status.OK, code).astype(jnp.int32)
-    residual, scale, _ = saddle.convergence_measures(z)
-    return z, code, steps, residual, scale
+    begin = (z, largest_error(z), jnp.int32(0), jnp.ones((), bool))
+    z, error, steps, _ = lax.while_loop(unfinished, iterate, begin)
+    code = jnp.where(jnp.isfinite(error), status.NOT_CONVERGED, status.NONFINITE)
+    return z, jnp.where(error <= tol, status.OK, code).astype(jnp.int32), steps
 
 
 def attach_saddle_point_derivative(

@@ -208,17 +208,17 @@ def _solve_hanging_chain(chord, sag, weight, stiffness, n):
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
     offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
 
-    def pieces(unknowns):
+    def profile(unknowns):  # of all nodes, horizontal and vertical, [n + 1, 2], m
         h, v, length = unknowns
         up = v + weight * length / n * offset
         force = jnp.stack([jnp.broadcast_to(h, (n,)), up], 1)
         size = jnp.sqrt(jnp.sum(force**2, axis=1, keepdims=True))
-        return length / n * (force / size + force / stiffness)
+        elements = length / n * (force / size + force / stiffness)
+        return jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(elements, axis=0)])
 
-    def mismatch(scaled):
-        piece = pieces(scaled * scale)
+    def relative_errors(scaled):
         wanted = jnp.stack([level, chord[2], sag])
-        x, z = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)]).T
+        x, z = profile(scaled * scale).T
         found = jnp.stack([x[-1], z[-1], 0.5 * z[-1] - jnp.interp(0.5 * x[-1], x, z)])
         return (found - wanted) / jnp.stack([level, level, sag])
 
@@ -249,13 +249,11 @@ def _solve_hanging_chain(chord, sag, weight, stiffness, n):
         return jnp.where(found, end, jnp.nan)
 
     scaled = lax.custom_root(
-        mismatch,
+        relative_errors,
         lax.stop_gradient(start / scale),
         newton,
         lambda g, y: linear.solve_general(jax.jacfwd(g)(jnp.zeros_like(y)), y)[0],
     )
-    piece = pieces(scaled * scale)
-    sums = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)])
-    unit = jnp.stack([chord[0], chord[1]]) / level
-    place = jnp.column_stack([jnp.outer(sums[:, 0], unit), sums[:, 1]])
-    return place, (scaled * scale)[2]
+    x, z = profile(scaled * scale).T
+    nodes = jnp.column_stack([jnp.outer(x, chord[:2] / level), z])
+    return nodes, (scaled * scale)[2]

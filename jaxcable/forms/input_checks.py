@@ -25,6 +25,10 @@ from ..model.structure import Structure, position_rules
 from ..spaces import Translations
 from ..spaces.dof_map import DofMap
 
+# Rules of lengths and of forces of cables: which of the elements that are meant break it, its text.
+_LENGTHS = (lambda values, meant: meant & (values <= 0)), "must be positive"
+_FORCES = (lambda values, meant: meant & (values < 0)), "a cable carries tension only; use Bars"
+
 
 def require_straight_elements(structure: Structure, of: Sequence[bool] | None = None) -> None:
     """Raise ValueError unless `structure` consists of straight elements (cables, bars) only.
@@ -119,23 +123,11 @@ def values_by_group(
         if given is not None and (is_length or group.tension_only):
             # the argument and the group that it is for, as a user writes it
             key = f"[{int(label) if label.isdigit() else label!r}]" if label else ""
-            broken, text = _negative_forces, "a cable carries tension only; use Bars"
-            if is_length:
-                broken, text = _nonpositive_lengths, "must be positive"
-            given = nan_if_broken(Rule(f"{name}{key}", (given, meant), broken, text))
+            rule = Rule(f"{name}{key}", (given, meant), *(_LENGTHS if is_length else _FORCES))
+            given = nan_if_broken(rule)
         values.append(given)
         chosen.append(meant)
     return values, chosen
-
-
-def _negative_forces(values, meant):
-    """Return which elements have a negative force, among those that are `meant`, [n_elem] bool."""
-    return meant & (values < 0)
-
-
-def _nonpositive_lengths(values, meant):
-    """Return which elements have a length that is not positive, among those `meant`, [n_elem]."""
-    return meant & (values <= 0)
 
 
 def require_single_input(

@@ -18,7 +18,6 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -216,7 +215,7 @@ def _solve_form(
         nodes,
         [group.links for group in groups],
         tensions,
-        [None if q is None else (q, jnp.zeros_like(q)) for q in densities],
+        [(q, jnp.zeros_like(q)) for q in densities],
         sum_nodal_loads(loads, nodes.shape, dtype),
         None if others is None else FormDependentLoads(groups, others),
         convex,
@@ -254,30 +253,16 @@ def _solve_form(
         z = given_lengths.attach_saddle_point_derivative(saddle, z, valid)
         forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
         attached = saddle.system
-    for k, spring in enumerate(force_net.springs):
-        if spring is not None:
-            ends = attached.nodes + motion
-            forces[k] = _with_force_density(attached.states[k], forces[k], ends[groups[k].links])
-    # without a form take the start, so that lengths and their derivatives stay finite
-    positions = jnp.where(valid, attached.nodes + motion, nodes)
-    pushing = [
-        jnp.any(force < 0)
-        for group, force in zip(groups, forces, strict=True)
-        if group.tension_only
+    found_nodes = attached.nodes + motion
+    forces = [
+        force + state.stiffness * chord_lengths(found_nodes[group.links])
+        for force, state, group in zip(forces, attached.states, groups, strict=True)
     ]
-    slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
-    code = status.first_failure(code, jnp.where(slack, status.PUSHING_CABLE, status.OK))
+    # without a form take the start, so that lengths and their derivatives stay finite
+    positions = jnp.where(valid, found_nodes, nodes)
     worst = jnp.max(jnp.abs(residual), initial=0.0)
     met = most_shortened_element(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
-
-
-def _with_force_density(state, force, ends):
-    """Return `force` [n_elem], N, plus force density times length between `ends`, [n_elem, 2, 3].
-
-    `state` is a `ForceElementState`, whose springs are force densities.
-    """
-    return force + state.stiffness * chord_lengths(ends)
 
 
 def _force_densities(net, ends):
@@ -287,22 +272,17 @@ def _force_densities(net, ends):
     touches it at these ends (Weiszfeld 1937): it decreases this function from any shape. Newton's
     method is faster near the minimum.
     """
-    found = jnp.concatenate(net.forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
-    if all(spring is None for spring in net.springs):
-        return found
-    pairs = zip(net.forces, net.springs, strict=True)
-    return found + jnp.concatenate(
-        [jnp.zeros_like(force) if spring is None else spring[0] for force, spring in pairs]
-    )
+    stiffnesses = jnp.concatenate([stiffness for stiffness, _ in net.springs])
+    return jnp.concatenate(net.forces) / chord_lengths(ends) + stiffnesses
 
 
 def _make_saddle_point_system(force_net, given, dof_map, saddle_numbering):
     """Make the `SaddlePointSystem` of a net in which some lengths are given.
 
-    `given` has for each group the pair of lengths and where they are given, or None.
+    `given` has for each group the pair of lengths and where they are given.
     """
     made = force_net.make_system(dof_map)
-    given = [None if pair is None else pair[0] for pair in given]
+    given = [lengths for lengths, _ in given]
     unit = lax.stop_gradient(jnp.sqrt(_force_scale(force_net) / made.length_scale()))
     return given_lengths.SaddlePointSystem(made, given, unit, saddle_numbering)
 
@@ -313,25 +293,20 @@ def _force_scale(force_net):
     Force densities count by the lengths at the start.
     """
     forces = [*force_net.forces, force_net.load.reshape(-1)]
-    for links, spring in zip(force_net.links, force_net.springs, strict=True):
-        if spring is not None:
-            forces.append(spring[0] * chord_lengths(force_net.nodes[links]))
+    for links, (stiffness, _) in zip(force_net.links, force_net.springs, strict=True):
+        forces.append(stiffness * chord_lengths(force_net.nodes[links]))
     force = jnp.max(jnp.abs(jnp.concatenate(forces)))
     return jnp.where(force > 0, force, 1.0)
 
 
-def _springs_for_lengths(force, pair, density):
+def _springs_for_lengths(force, pair, spring):
     """Return stiffness and natural length of springs in place of the given lengths of a group.
 
-    `force` is stiffness times length, N; `pair` has the lengths and where they are given, or is
-    None; `density` are the springs of its force densities, or None.
+    `force` is stiffness times length, N; `pair` has the lengths and where they are given; `spring`
+    are stiffness and natural length of the springs of its force densities.
     """
-    if pair is None:
-        return density
     length, mask = pair
-    if density is None:
-        return jnp.where(mask, force / length, 0.0), length
-    return jnp.where(mask, force / length, density[0]), jnp.where(mask, length, 0.0)
+    return jnp.where(mask, force / length, spring[0]), jnp.where(mask, length, spring[1])
 
 
 def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, method, struts):
@@ -359,10 +334,10 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     saddle = _make_saddle_point_system(force_net, given, dof_map, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
-        first = given_lengths.solve_saddle_point(
-            saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps, ~known
+        first, code, first_steps = given_lengths.solve_saddle_point(
+            saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps
         )
-        known = first[1] == status.OK
+        known = code == status.OK
     force = _SPRING_FORCE_RATIO * _force_scale(force_net)
     springs = [
         _springs_for_lengths(force, *both) for both in zip(given, force_net.springs, strict=True)
@@ -371,13 +346,10 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     near, _ = newton.equilibrate(sprung, start, copy_with(method, tol=_SPRING_TOLERANCE), ~known)
     z = saddle.join_unknowns(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
-    limit = method.max_steps - near.steps
-    z, code, steps, residual, scale = given_lengths.solve_saddle_point(
-        saddle, z, tol, limit, active
-    )
-    second = z, jnp.where(active, code, near.code), near.steps + steps, residual, scale
-    if not struts:
-        return second
-    chosen = list(jax.tree.map(lambda a, b: jnp.where(known, a, b), first, second))
-    chosen[2] = first[2] + second[2]
-    return chosen
+    limit = jnp.where(active, method.max_steps - near.steps, 0)
+    z, code, steps = given_lengths.solve_saddle_point(saddle, z, tol, limit)
+    code, steps = jnp.where(active, code, near.code), near.steps + steps
+    if struts:
+        z, code = jnp.where(known, first, z), jnp.where(known, status.OK, code)
+        steps = first_steps + steps
+    return z, code, steps, *saddle.convergence_measures(z)[:2]

@@ -30,8 +30,8 @@ class PrescribedValues:
 
     Attributes:
         forces: prescribed forces, [n_elem], N; zero where something else is prescribed.
-        densities: force densities, [n_elem], N/m, zero where none is prescribed; None without any.
-        lengths: given lengths, [n_elem], m, with 1 where none is prescribed; None without any.
+        densities: force densities, [n_elem], N/m, zero where none is prescribed.
+        lengths: given lengths, [n_elem], m, with 1 where none is prescribed.
         sought: whether the length is given and the force sought, `Indices` [n_elem] of bool.
     """
 
@@ -58,10 +58,10 @@ class PrescribedValues:
     @property
     def given_lengths(
         self,
-    ) -> list[tuple[Float[Array, " n_elem"], Bool[np.ndarray, " n_elem"]] | None]:
-        """For each group the pair of lengths, m, and whether they are given; None without any."""
+    ) -> list[tuple[Float[Array, " n_elem"] | None, Bool[np.ndarray, " n_elem"]]]:
+        """For each group the pair of lengths, m, and whether they are given."""
         pairs = zip(self.lengths, self.sought, strict=True)
-        return [None if length is None else (length, mask.array) for length, mask in pairs]
+        return [(length, mask.array) for length, mask in pairs]
 
 
 def read_prescribed_values(
@@ -99,17 +99,18 @@ def read_prescribed_values(
     require_single_input(structure, _NAMES, masks, missing, prescribed)
     return PrescribedValues(
         _prescribed_forces(structure, values, chosen, prescribed),
-        _where_chosen(values["force_density"], chosen["force_density"], 0.0),
-        _where_chosen(values["length"], chosen["length"], 1.0),
+        _where_chosen(values["force_density"], chosen["force_density"], prescribed, 0.0),
+        _where_chosen(values["length"], chosen["length"], prescribed, 1.0),
         tuple(map(Indices, chosen["length"])),
     )
 
 
-def _where_chosen(values, chosen, otherwise):
-    """Return values per group where they are `chosen`, else a number; None for groups without."""
+def _where_chosen(values, chosen, prescribed, otherwise):
+    """Return values per group where they are `chosen`, else a number; None unless `prescribed`."""
+    filled = [otherwise if value is None else value for value in values]
     return [
-        None if value is None else checks.numpy_or_jax(value).where(mask, value, otherwise)
-        for value, mask in zip(values, chosen, strict=True)
+        checks.numpy_or_jax(value).where(mask, value, otherwise) if own else None
+        for value, mask, own in zip(filled, chosen, prescribed, strict=True)
     ]
 
 

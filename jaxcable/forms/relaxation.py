@@ -11,6 +11,9 @@ largest eigenvalue is at most twice that sum). A parabola through three energies
 the peak. There is no stiffness matrix and no Newton step; only the unbalanced forces of the
 `System` are shared with `solve`. A prescribed force is modelled as the force of a jack.
 
+All time steps are one program: a step takes 20 us once it is compiled, and as a call from Python
+more than ten times as long.
+
 Sources: Day (1965), An introduction to dynamic relaxation; Cundall (1976) for kinetic damping;
 Barnes (1999), Form finding and analysis of tension structures by dynamic relaxation.
 """

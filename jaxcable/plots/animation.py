@@ -123,7 +123,7 @@ def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
         forces, bool(start.has_known_shape().any()), counted=False
     )
     handles += support_legend(np.any(held, axis=0))
-    finish_layout(figure, slots, lines.taut, scale.label, handles)
+    finish_layout(figure, slots, handles, (lines.taut, scale.label))
     images = []
     for shot, title, kinds in zip(shots, titles, held, strict=True):
         lines.show(shot)

@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
@@ -123,7 +121,7 @@ def diagram(
         held = snapshot.support_kinds(seen.normal)
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_legend(held)
-    finish_layout(figure, slots, *found.color_bar(), handles)
+    finish_layout(figure, slots, handles)
     keep_inside(axes)
     return finish_figure(figure, path)
 
@@ -202,10 +200,6 @@ class ForceDiagrams:
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
 
-    def color_bar(self) -> tuple[None, str]:
-        """Return (None, ""), because these pictures have no color bar, and so no label of one."""
-        return None, ""
-
 
 class _BeamForces:
     """A section force along all active beams at one instant, as ordinates across the beams.
@@ -266,7 +260,6 @@ class _BeamForces:
         self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
     ) -> None:
         """Draw the lines of all elements, and areas between the beams and the ends of ordinates."""
-        area: Any = PolyCollection if view.flat else Poly3DCollection
         shown = self.snapshot
         every = picture_lines(view, shown.positions, links, shown.curves)
         plain = select_lines(every, shown.forces.present[links[1]])
@@ -279,7 +272,7 @@ class _BeamForces:
         for sign, alike in (("positive", mean > self.least), ("negative", mean < -self.least)):
             if alike.any():
                 look: Any = {"facecolors": _COLORS[sign], "edgecolors": "none", "alpha": 0.6}
-                axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
+                view.add_faces(axes, quads[alike], zorder=2, **look)
 
 
 def _places_with_jumps(end, count):

@@ -17,7 +17,7 @@ from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import single_element
 from ..forms import catenary_curves
-from ..model.result_parts import end_nodes, present_elements, values_per_group
+from ..model.result_parts import end_nodes, values_per_group
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
@@ -121,10 +121,6 @@ class SolutionCurves:
             return None
         return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
-    def after_phase(self, phase: int) -> Curves | None:
-        """Return the curves at the end of a phase that has converged; None if none are curved."""
-        return self.of_state(self.state_after_phase(phase))
-
     def in_increment(self, phase: int, number: int) -> Curves | None:
         """Return the curves in converged increment `number` of a phase; None if none are curved.
 
@@ -164,7 +160,7 @@ class SolutionCurves:
     def state_after_phase(self, phase: int) -> State:
         """Return the `State` at the end of a phase, with what pictures need of it.
 
-        Lengths and displacements are those of this phase, and loads of later phases are zero.
+        Results and motions are those of this phase; the rest of its restart state is the last one.
         """
         last, end = self.solution.last, self.solution.phases[phase]
         if phase == int(last.phase):
@@ -172,7 +168,8 @@ class SolutionCurves:
         fields = result_fields(end)
         fields["displacement"] = np.asarray(end.positions) - self.initial_positions
         if not self.straight:
-            fields["restart"] = _restart_after_phase(last, self.structure, phase, end)
+            motion = _motion_after_phase(last, self.structure, end)
+            fields["restart"] = copy_with(last.restart, motion=motion)
         return copy_with(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
     def _make_curves(self, motion, sag):
@@ -294,33 +291,13 @@ def _deflected_beams(without_indices, arrays, motion):
     return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
 
 
-def _restart_after_phase(last, structure, phase, end):
-    """Return the `RestartState` at the end of a phase, as far as shapes of elements depend on it.
+def _motion_after_phase(last, structure, end):
+    """Return displacements and rotations of all nodes at the end of a phase, from its result `end`.
 
-    `last` is the last `State` of the solution, `phase` the index of the phase, `end` its result.
+    `last` is the last `State` of the solution.
     """
-    restart: Any = last.restart
-    loads = [
-        copy_with(stack, factors=stack.factors * (np.asarray(stack.phase) <= phase))
-        for stack in restart.loads
-    ]
-    then, now = (values_per_group(structure, x.rest_length) for x in (end, last))
-    states = []
-    masks = present_elements(structure, end.present)
-    for state, a, b, present in zip(restart.states, then, now, masks, strict=True):
-        if state.rest_length is not None:  # the sum of length and elongation stays
-            length = np.asarray(state.rest_length) * (np.asarray(a) / np.asarray(b))
-            longer = None
-            if state.elongation is not None:
-                longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
-            state = copy_with(state, rest_length=length, elongation=longer)
-        if state.present is not None:
-            state = copy_with(state, present=present)
-        states.append(state)
-    motion = end.path.motion
-    if motion is None:  # from the initial nodes, which an earlier analysis may have left
-        moved = np.asarray(end.positions) - np.asarray(structure.nodes)
-        motion = np.concatenate([moved, np.asarray(restart.motion)[len(moved) :]])
-    else:
-        motion = np.asarray(motion[-1])
-    return copy_with(restart, motion=motion, states=states, loads=loads)
+    if end.path.motion is not None:
+        return np.asarray(end.path.motion[-1])
+    # from the initial nodes, which an earlier analysis may have left
+    moved = np.asarray(end.positions) - np.asarray(structure.nodes)
+    return np.concatenate([moved, np.asarray(last.restart.motion)[len(moved) :]])

@@ -157,7 +157,7 @@ class ElementLines:
         self.slack = add(colors=SLACK, linewidths=thin, linestyles=DASHES, zorder=4)
         if len(self.faces[0]):  # what is behind remains visible
             edges = {"edgecolors": INK, "linewidths": 0.25 * width}
-            self.surface = view.add_faces(axes, alpha=0.6, zorder=1.5, **edges, **scale.look)
+            self.surface = view.add_faces(axes, [], alpha=0.6, zorder=1.5, **edges, **scale.look)
 
     def show(self, snapshot: Snapshot) -> None:
         """Draw the elements as they are in a snapshot, in place of what was drawn before."""

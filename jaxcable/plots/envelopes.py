@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.solution import Solution
 from ..common import checks
@@ -25,7 +23,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
-from .element_curves import SolutionCurves
+from .element_curves import SolutionCurves, points_on_chords
 from .element_forces import concatenate_values, values_by_group
 from .element_lines import ColoredValues, ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
@@ -140,22 +138,21 @@ def envelope_diagram(
         for axes in figure.axes:
             draw_supports(axes, stage.view, stage.nodes, stage.held)
         handles += support_legend(stage.held)
-    mappable, label = bar
-    finish_layout(figure, slots, mappable, label, handles)
+    finish_layout(figure, slots, handles, bar)
     for axes in figure.axes[: len(slots)]:
         keep_inside(axes)
     return finish_figure(figure, path)
 
 
-class _Extreme(NamedTuple):
+class _GoverningValue(NamedTuple):
     """The most extreme value of a result: the value, and the name of the case that governs."""
 
     value: float
     case: str
 
 
-def _extremes(envelope, of):
-    """Return the `_Extreme` of a result over all places, a dict: "high", "low"."""
+def _governing_values(envelope, of):
+    """Return the `_GoverningValue` of a result over all places, a dict: "high", "low"."""
     found = {}
     largest = largest_size(envelope, _kind_of(of))
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
@@ -164,7 +161,7 @@ def _extremes(envelope, of):
         value, case = np.concatenate(values), np.concatenate(cases)
         if np.isfinite(value).any():
             k = pick(value)
-            found[side] = _Extreme(
+            found[side] = _GoverningValue(
                 float(zero_negligible(value[k], largest)), envelope.names[int(case[k])]
             )
     if not found:
@@ -208,17 +205,16 @@ def _draw_section_force(stage, envelope, of, high):
         side: zero_negligible(np.concatenate(_leaves(getattr(envelope, side)[of])), kind)
         for side in _SIDES
     }
-    extremes = _extremes(envelope, of)
+    extremes = _governing_values(envelope, of)
     largest = max(abs(extreme.value) for extreme in extremes.values())
     factor, unit = quantity_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
     active = _active_elements(structure, envelope).any(axis=0)
     bends = [np.full(len(one.links), isinstance(one, Bending)) for one in structure.groups]
     beams = active[np.concatenate(bends)]
     values = {side: own[beams] for side, own in values.items()}
-    ends, axes_of_beams = (x[beams] for x in _beams(structure, stage.nodes))
-    places = np.linspace(0.0, 1.0, values["high"].shape[1])
+    ends, axes_of_beams = (x[beams] for x in _beam_ends_and_axes(structure, stage.nodes))
     chord = stage.nodes[ends]
-    base = (1 - places[:, None]) * chord[:, :1] + places[:, None] * chord[:, 1:]
+    base = points_on_chords(chord, values["high"].shape[1])
     sides = positive_side_directions(axes_of_beams, chord, of)
     stage.turn_to(chord, sides)
     sides = side_directions_in_picture(sides, chord[:, 1] - chord[:, 0], stage.view)
@@ -233,13 +229,12 @@ def _draw_section_force(stage, envelope, of, high):
     stage.add_lines(axes, stage.nodes, active, colors=GHOST, linewidths=1.0, zorder=1)
     seen = stage.view.project(base)
     stage.view.add_lines(axes, seen, colors=INK, linewidths=1.4, zorder=4)
-    area: Any = PolyCollection if stage.view.flat else Poly3DCollection
     handles: list[Any] = []
     for side, (word, color) in _SIDES.items():
         top = stage.view.project(tips[side])
         quads = np.concatenate([seen, top[:, ::-1]], axis=1)
         look: Any = {"facecolors": color, "edgecolors": "none", "alpha": 0.35}
-        axes.add_collection(area(quads, zorder=2, **look), autolim=False)
+        stage.view.add_faces(axes, quads, zorder=2, **look)
         stage.view.add_lines(axes, top, colors=color, linewidths=1.0, zorder=3)
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
@@ -247,10 +242,10 @@ def _draw_section_force(stage, envelope, of, high):
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
     ordinates, limits = (np.tile(base, (2, 1, 1)), every[0]), (_APART * stage.extent, _LABELS, 0.0)
     write_largest_values(axes, stage.view, ordinates, np.nan_to_num(every[1]), factor, limits)
-    return figure, handles, slots, (None, "")
+    return figure, handles, slots, None
 
 
-def _beams(structure, nodes):
+def _beam_ends_and_axes(structure, nodes):
     """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
     ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
     for bending in structure.groups:
@@ -273,7 +268,7 @@ def _draw_displacements(stage, envelope, solutions):
     moved = np.asarray(envelope.values["displacement"], float)
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
-    stage.turn_to(stage.nodes[_beams(stage.structure, stage.nodes)[0]], moved[case])
+    stage.turn_to(stage.nodes[_beam_ends_and_axes(stage.structure, stage.nodes)[0]], moved[case])
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
@@ -302,7 +297,7 @@ def _draw_displacements(stage, envelope, solutions):
         Line2D([], [], color=SERIES[5], linewidth=0.8, label=f"all {len(good)} cases"),
         Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="input"),
     ]
-    return figure, handles, slots, (None, "")
+    return figure, handles, slots, None
 
 
 def _magnified_curves(structure, solutions, number, factor):
@@ -330,7 +325,7 @@ def _draw_element_values(stage, envelope, of):
     every = {side: concatenate_values(getattr(envelope, side)[of], groups) for side in _SIDES}
     look = of, _UNITS.get(of, ""), group, labels
     values = {side: ColoredValues(own, *look) for side, own in every.items()}
-    extremes = _extremes(envelope, of)
+    extremes = _governing_values(envelope, of)
     scale = ColorScale(list(values.values()), stage.units)
     titles = [f"{word} {scale.name}" for word, _ in _SIDES.values()]
     view = stage.view

@@ -81,29 +81,28 @@ def _slots_of_one_or_two(ratios, flat):
 def finish_layout(
     figure: Figure,
     slots: Slots,
-    mappable: ScalarMappable | None,
-    label: str,
     handles: Sequence[Any],
+    color_bar: tuple[ScalarMappable, str] | None = None,
     columns: int | None = None,
 ) -> None:
     """Move the axes of a figure into their slots, and put color bar and legend below them.
 
     Args:
         figure, slots: results of `arrange_pictures`; the figure has one axes per slot.
-        mappable: drawn lines whose colors the color bar explains; None for no color bar.
-        label: label of the color bar.
         handles: legend entries.
+        color_bar: drawn lines whose colors it explains, and its label; None for no color bar.
         columns: number of axes in a row, for plane pictures that all get one size; None to let
             each picture fill its slot.
     """
     width, height = figure.get_size_inches()
     views = list(figure.axes)
     room = _place_legend(figure, handles, width)
-    bar = 0.0 if mappable is None else _BAR
+    bar = 0.0 if color_bar is None else _BAR
     height += bar - _BAR
     total = height + room
     figure.set_size_inches(width, total)
-    if mappable is not None:
+    if color_bar is not None:
+        mappable, label = color_bar
         below = figure.add_axes((0.2, (room + 0.48) / total, 0.6, 0.12 / total))
         marks = MaxNLocator(nbins=max(int(0.6 * width * 72 / (_NUMBER * SIZE)), 2))
         figure.colorbar(mappable, cax=below, orientation="horizontal", label=label, ticks=marks)

@@ -79,7 +79,7 @@ def model(
     width = _THIN * line_width(len(stage.links))
     handles: list[Any] = []
     for number, (label, group) in enumerate(named_groups_of(structure)):
-        look = _look(number)
+        look = _line_look(number)
         own = stage.links[stage.group == number]
         wide = (1.6 if isinstance(group, Beams) else 1.0) * width
         ends = stage.view.project(stage.nodes)[own]
@@ -90,7 +90,7 @@ def model(
     if supports:
         draw_supports(axes, stage.view, stage.nodes, stage.held)
         handles += support_legend(stage.held)
-    finish_layout(figure, slots, None, "", handles)
+    finish_layout(figure, slots, handles)
     left_out = _write_numbers(axes, stage) if numbers else 0
     if left_out:
         text = f"{axes.get_title()}; numbers left out: {left_out}"  # they would cover others
@@ -98,7 +98,7 @@ def model(
     return finish_figure(figure, path)
 
 
-def _look(number):
+def _line_look(number):
     """Return color and line style of a group by its number, a dict."""
     style = STYLES[number // len(SERIES) % len(STYLES)]
     return {"color": SERIES[number % len(SERIES)], "linestyle": style}
@@ -116,10 +116,10 @@ def _write_numbers(axes, stage):
         for k, chain in enumerate(group.links.array):
             texts.append(str(k))
             places.append(stage.nodes[np.unique(chain)].mean(axis=0))
-            colors.append(_look(number)["color"])
+            colors.append(_line_look(number)["color"])
             shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
-    at = _in_picture(axes, stage.view, np.array(places))
-    kept = _apart(axes, at, texts, SIZE * np.array(shifts))
+    at = _positions_in_picture(axes, stage.view, np.array(places))
+    kept = _fitting_texts(axes, at, texts, SIZE * np.array(shifts))
     look: Any = {"ha": "center", "va": "center", "zorder": 9, "path_effects": _HALO}
     look |= {"textcoords": "offset points", "annotation_clip": False}
     for k in np.flatnonzero(kept):
@@ -127,7 +127,7 @@ def _write_numbers(axes, stage):
     return int((~kept).sum())
 
 
-def _in_picture(
+def _positions_in_picture(
     axes: Any, view: Any, positions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
     """Return where positions, m, are in the plane of a picture, in the data units of its axes."""
@@ -137,7 +137,7 @@ def _in_picture(
     return np.transpose(proj3d.proj_transform(*seen.T, axes.get_proj())[:2])
 
 
-def _apart(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
+def _fitting_texts(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
     """Return which texts are written: the first ones that cover no earlier one.
 
     They are `shifts` points from where they belong, `at`, in the data units of the axes.

@@ -166,7 +166,7 @@ def net(
     handles += [key for kind in arrows for key in kind.legend()]
     if any(len(middles) for middles, _ in sections):
         handles += section_axis_legend()
-    finish_layout(figure, slots, lines.taut, scale.label, handles)
+    finish_layout(figure, slots, handles, (lines.taut, scale.label))
     return finish_figure(figure, path)
 
 

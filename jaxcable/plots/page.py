@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import os
+import re
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -73,14 +74,10 @@ class PageArrays:
 def fill_template(name: str, parts: Mapping[str, str]) -> str:
     """Return the text of a file in the folder ``viewer`` with its marks replaced.
 
-    `parts` is a dict from mark, which occurs once in the file, to the text in its place.
+    `parts` is a dict from mark, such as ``@TITLE@``, to the text in its place.
     """
-    before = read_viewer_file(name)
-    pieces = []
-    for mark, text in sorted(parts.items(), key=lambda pair: before.rindex(pair[0]), reverse=True):
-        before, after = before.split(mark)  # marks in the texts stay what they are
-        pieces[:0] = [text, after]
-    return "".join([before, *pieces])
+    # in one pass, so that marks in the texts stay what they are
+    return re.sub("|".join(parts), lambda mark: parts[mark[0]], read_viewer_file(name))
 
 
 def read_viewer_file(name: str) -> str:

@@ -78,7 +78,7 @@ def path(
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
             known = None if negative is None else label
-            line = _nan_where_hidden(moved, load, shown)
+            line = (np.where(shown, values, np.nan) for values in (moved, load))
             axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=known)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
@@ -96,8 +96,3 @@ def path(
     if negative is not None:
         legend_below(axes, columns=3)
     return finish_figure(figure, path)
-
-
-def _nan_where_hidden(x, y, shown):
-    """Return coordinates x and y of a line, NaN where `shown` is False, which interrupts it."""
-    return np.where(shown, x, np.nan), np.where(shown, y, np.nan)

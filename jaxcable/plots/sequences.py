@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
+from ..common import checks
 from ..common.units import SI, UnitsLike, as_units
 from ..model.structure import Structure
 from .diagrams import ForceDiagrams
@@ -102,8 +103,7 @@ def sequence(
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.height_over_width(everything) < _WIDE else 3
-    if isinstance(columns, bool) or not isinstance(columns, int) or columns < 1:
-        raise ValueError(f"columns = {columns!r}: must be a positive integer")
+    checks.require_whole_number(columns, "columns")
     count = len(stages)
     columns = min(columns, count)
     titles = [stage.title for stage in stages]
@@ -122,8 +122,8 @@ def sequence(
         handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
-    bar, label = content.color_bar()
-    finish_layout(figure, slots, bar, label, handles, columns if seen.flat else None)
+    bar = content.color_bar() if diagram is None else None
+    finish_layout(figure, slots, handles, bar, columns if seen.flat else None)
     for axes in figure.axes[:count]:
         keep_inside(axes)
     return finish_figure(figure, path)
@@ -150,7 +150,7 @@ def _stages_of_phases(snapshots, magnify):
 
 
 class _ColoredElementPictures:
-    """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
+    """The pictures of a sequence with colored elements; drawn as `ForceDiagrams` are.
 
     It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, `Units` or
     None, and whether colors have one scale for all groups.

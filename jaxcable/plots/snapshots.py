@@ -9,11 +9,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..analysis.phase_results import Path as Increments
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
+from ..common import checks
 from ..common.types import Bool, Float, Int
+from ..design.arguments import require_phase_index
 from ..model.result_parts import element_faces, result_columns, straight_pieces
 from ..model.structure import Structure
+from ..model.topology import require_same_topology
 from .element_curves import PLACES, Curves, SolutionCurves
 from .element_forces import ElementForces
 from .symbols import section_axis_tips, support_kinds, supported_nodes
@@ -160,10 +164,11 @@ class Snapshots:
         places: int = PLACES,
     ):
         self.solution, self.structure, self.names = solution, structure, names
-        refuse_batch(solution)
+        refuse_other_results(solution)
         self.parts = solution.last.topology.parts
         self.color = _resolve_color(self.parts, solution, color)
-        _require_same_links(solution, structure)
+        if structure is not None:
+            require_same_topology(structure, solution.last.topology, "solution")
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
         self.links, self.faces = straight_pieces(self.parts)[:2], element_faces(self.parts)[:2]
@@ -192,8 +197,7 @@ class Snapshots:
         Raises:
             ValueError: no increment has converged, or `frames` is no positive integer.
         """
-        if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
-            raise ValueError(f"frames = {frames!r}: must be a positive integer")
+        checks.require_whole_number(frames, "frames")
         phases = list(self.solution.phases)
         paths: list[Any] = [jax.tree.map(np.asarray, phase.path) for phase in phases]
         good = [(k, int(n)) for k, p in enumerate(paths) for n in np.flatnonzero(p.status == 0)]
@@ -258,10 +262,7 @@ class Snapshots:
     def _state_after_phase(self, phase):
         """Return the `State` at the end of a phase; ValueError for an unknown or failed phase."""
         count = len(self.solution.phases)
-        if isinstance(phase, bool) or not isinstance(phase, int | np.integer):
-            raise ValueError(f"phase = {phase!r}: expected a whole number")
-        if not -count <= phase < count:
-            raise ValueError(f"phase = {phase}: the solution has phases 0 to {count - 1}")
+        require_phase_index(phase, count, -count)
         number = range(count)[phase]
         if int(self.solution.phases[number].status) != 0:
             raise ValueError(
@@ -302,13 +303,21 @@ def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
-def refuse_batch(solution: Solution) -> None:
-    """Raise ValueError for a batch, or a state: a picture shows one analysis."""
-    if isinstance(solution, State):
-        raise ValueError(
-            "solution: expected a Solution, got a State; give the Solution that it belongs to, and "
-            "state=solution.last to draw its last state"
-        )
+def refuse_other_results(solution: Solution) -> None:
+    """Raise ValueError for a batch, and for anything else than a `Solution`."""
+    if not isinstance(solution, Solution):
+        hint = ""
+        if isinstance(solution, State):
+            hint = (
+                "; pass the solution that the state belongs to: a page ends at solution.last, and "
+                "pictures show it by state=solution.last"
+            )
+        elif isinstance(solution, Increments):
+            hint = (
+                "; draw a traced path by plots.path, or pass the solution of the phases up to a "
+                "load factor on it, failed or not"
+            )
+        raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{hint}")
     if np.ndim(solution.status) != 0:
         raise ValueError(
             "solution: is a batch; draw one analysis of it, jax.tree.map(lambda a: a[k], solution)"
@@ -328,12 +337,3 @@ def _resolve_color(parts, solution, color):
         expected = ", ".join(f'"{name}"' for name in dict.fromkeys((*names, "utilization")))
         raise ValueError(f"color = {color!r}: expected one of {expected}")
     return color
-
-
-def _require_same_links(solution, structure):
-    """Raise ValueError if a structure has other links than the solution."""
-    if structure is None:
-        return
-    given, solved = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
-    if len(given) != len(solved) or not all(map(np.array_equal, given, solved)):
-        raise ValueError("structure: has other links than the one that was analysed")

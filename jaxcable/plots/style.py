@@ -80,13 +80,11 @@ def set_text_size(figure: Figure) -> None:
         text.set_fontsize(SIZE)
 
 
-def finish_figure(
-    figure: Figure, path: str | os.PathLike[str] | None = None, dpi: float = 200
-) -> Figure:
+def finish_figure(figure: Figure, path: str | os.PathLike[str] | None = None) -> Figure:
     """Set the size of all text, save the figure to `path` unless it is None, and return it."""
     set_text_size(figure)
     if path is not None:
-        save_figure(figure, path, dpi)
+        save_figure(figure, path, dpi=200)
     return figure
 
 
@@ -156,10 +154,10 @@ def format_value(value: float) -> str:
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
-def fold_text(text: str, width: float, lines: int = 2) -> str:
-    """Return a text of a picture in at most some lines of a width in inches, then "..."."""
+def fold_text(text: str, width: float) -> str:
+    """Return a text of a picture in at most two lines of a width in inches, then "..."."""
     count = max(int(_CHARACTERS * width), 8)
-    return "\n".join(textwrap.wrap(text, count, max_lines=lines, placeholder=" ..."))
+    return "\n".join(textwrap.wrap(text, count, max_lines=2, placeholder=" ..."))
 
 
 def fold_labels(handles: Sequence[Any], width: float) -> None:

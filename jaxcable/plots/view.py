@@ -11,8 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from ..analysis.phase_results import Path as Increments
-from ..analysis.solution import Solution, State
+from ..analysis.solution import Solution
 from ..common import status
 from ..common.units import UnitsLike, as_units
 from ..model.result_parts import named_groups_of
@@ -90,7 +89,6 @@ def view(
     """
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
-    _refuse_other_results(solution)
     stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names, _PLACES)
     shots = snapshots.increments(frames, ends=True)
@@ -110,21 +108,6 @@ def view(
             unit: quantity_unit(0.0, unit, stated) for unit in sorted({"N", "m", "N m", *columns})
         }
     return write_page(title, description, arrays, path)
-
-
-def _refuse_other_results(solution):
-    """Raise ValueError if the argument is no `Solution`, and say what to pass instead."""
-    if isinstance(solution, Solution):
-        return
-    more = ""
-    if isinstance(solution, State):
-        more = "; pass the solution that the state belongs to: its slider ends at solution.last"
-    elif isinstance(solution, Increments):
-        more = (
-            "; draw a traced path by plots.path, or pass the solution of the phases up to a load "
-            "factor on it, failed or not"
-        )
-    raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{more}")
 
 
 def _failure_note(solution):

@@ -81,9 +81,12 @@ class View:
             axes.fill_between(*line.T, axes.get_ylim()[0], color="0.93", linewidth=0, zorder=0)
         axes.plot(*line.T, color="0.45", linewidth=1.0, zorder=0.5)
 
-    def add_faces(self, axes: Axes, **look: Any) -> Any:
-        """Add an empty matplotlib collection of faces to axes, and return it; the limits stay."""
-        faces = (PolyCollection if self.flat else Poly3DCollection)([], **look)
+    def add_faces(self, axes: Axes, corners: Any, **look: Any) -> Any:
+        """Draw faces, whose corners are in coordinates of the picture, without a change of limits.
+
+        `look` has arguments of matplotlib's `PolyCollection`, which is returned.
+        """
+        faces = (PolyCollection if self.flat else Poly3DCollection)(corners, **look)
         axes.add_collection(faces, autolim=False)
         return faces
 

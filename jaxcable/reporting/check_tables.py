@@ -18,9 +18,9 @@ def check_tables(checks: Checks) -> dict[str, Table]:
 
     The name of that is ``check_`` and the name of the check, with underscores.
     """
-    found = {"checks": _overview(checks)}
+    found = {"checks": _overview_table(checks)}
     for one in checks.results:
-        found[table_name(one.name, found)] = _items(checks, one)
+        found[table_name(one.name, found)] = _table_of_check(checks, one)
     return found
 
 
@@ -55,19 +55,19 @@ def _largest_utilization(result: CheckResult) -> tuple[float, int]:
     return float(used[k]), k
 
 
-def _verdict(utilization):
+def _verdict_on(utilization):
     """Return what is said of a utilization."""
     if math.isnan(utilization):
         return "NOT CHECKED"
     return "passed" if utilization <= 1.0 else "NOT passed"
 
 
-def _overview(checks):
+def _overview_table(checks):
     """Return the table of one line for each check, sorted by utilization."""
     rows = []
     for one in checks.results:
         used, k = _largest_utilization(one)
-        case, verdict = checks.governing(one.name)[k], _verdict(float(one.largest))
+        case, verdict = checks.governing(one.name)[k], _verdict_on(float(one.largest))
         counted = ", ".join(one.of) or "all cases"
         rows.append((one.name, used, one.items[k], case, verdict, counted, one.clause))
     rows.sort(key=lambda row: -np.nan_to_num(row[1], nan=np.inf))
@@ -80,7 +80,7 @@ def _overview(checks):
     return make_table("Checks, largest utilization of each", columns)
 
 
-def _items(checks, result):
+def _table_of_check(checks, result):
     """Return the table of the items of a check, sorted by utilization, with its input in notes."""
     used = np.asarray(result.utilization, float)
     order = np.argsort(-np.nan_to_num(used, nan=np.inf), kind="stable")

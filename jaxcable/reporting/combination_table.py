@@ -90,7 +90,7 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
             *(one.name, one.kind, text),
             *(resultant.sum(axis=0).tolist() if len(resultant) else (None,) * 3),
             *map(_as_float, factors[1:]),
-            *("yes" if one.in_phases else None, _conditions(one)),
+            *("yes" if one.in_phases else None, _acting_conditions(one)),
         ]
         for one, text, factors, resultant in zip(actions, texts, own, each, strict=True)
     ]
@@ -116,7 +116,7 @@ def _as_float(value):
     return None if value is None else float(value)
 
 
-def _conditions(action):
+def _acting_conditions(action):
     """Return with what an action does or does not act, in words, or None."""
     words = [f"never with others of {action.exclusive!r}"] if action.exclusive else []
     words += [f"only with {name}" for name in action.needs]

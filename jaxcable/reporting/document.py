@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import datetime
-import importlib
 import io
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -105,14 +104,6 @@ def make_document(
         lines.append(f"not in this document, but in .xlsx, .csv and .json files: {named}")
     title = str(heading.title or _PLAIN_TITLE)
     return Document(title, heading.facts(units), lines, found, picture_svgs(pictures))
-
-
-def import_library(name: str, kind: str) -> ModuleType:
-    """Import and return the library that writes files of a kind; ValueError if it is missing."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ValueError(f"{kind}: needs {name}; pip install 'jaxcable[reports]'") from None
 
 
 def program_versions() -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
-from ..analysis.phase_results import Path
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.types import Bool, Float
+from ..common.types import Float
 from ..elements import Beams
 from ..elements.abilities import POINT_LOADS
 from ..elements.bending import gauss_lobatto
@@ -101,7 +101,8 @@ def increment_stresses(
         kept = [k for k, values in enumerate(stress) if values is not None]
         good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
         for n in good if kept else ():
-            present, parts = _active_elements(structure, path, n), []
+            active = jax.tree.map(lambda x, n=n: np.asarray(x)[n], path.present)
+            present, parts = present_elements(structure, active), []
             for k in kept:
                 loads, own = _loads_and_lengths(structure, path, k, n), np.asarray(stress[k][n])
                 group = structure.groups[k]
@@ -153,13 +154,6 @@ def _group_stresses(structure, points, phase):
             levers = np.stack([np.ones_like(place.y), place.z, -place.y])
             found[k] = np.asarray(strain, float) @ (levers * place.modulus)
     return found
-
-
-def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Return which elements are active in increment `k`, [n_elem] bool for every group."""
-    if path.present is None:
-        return present_elements(structure, None)
-    return [np.asarray(found)[k] > 0 for found in values_per_group(structure, path.present)]
 
 
 def _loads_and_lengths(structure, path, k, n):

@@ -15,7 +15,7 @@ from ..common import checks
 from ..common.units import SI, Units
 from ..common.writing import atomic_write_together
 from ..files.results import format_csv
-from .document import Heading, import_library, make_document
+from .document import Heading, make_document
 from .plain_text import table_text
 from .spreadsheet import workbook_bytes
 from .table import Table, common_scales, csv_header
@@ -34,7 +34,7 @@ def require_writer(path: str | PathLike[str]) -> None:
     libraries = {".xlsx": ("xlsxwriter", "XLSX"), ".pdf": ("typst", "PDF")}
     needed = libraries.get(_kind_of_file(Path(path)))
     if needed is not None:
-        import_library(*needed)
+        checks.import_library(*needed, "reports")
 
 
 def _kind_of_file(path):

@@ -8,7 +8,8 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from .document import Heading, import_library, program_versions
+from ..common import checks
+from .document import Heading, program_versions
 from .table import Table
 
 _LONGEST_NAME = 31  # characters of the name of a sheet
@@ -22,7 +23,7 @@ _EPOCH = datetime.datetime(1980, 1, 1)
 _TEXTS_STAY = dict.fromkeys(("strings_to_formulas", "strings_to_urls", "strings_to_numbers"), False)
 
 
-class _Exact(float):
+class _AllDigits(float):
     """A number that XlsxWriter writes with all digits; it would write 16, not always enough."""
 
     def __format__(self, _):
@@ -43,7 +44,8 @@ def workbook_bytes(
         facts: what stands below the title, pairs of a word and a text.
     """
     stream = io.BytesIO()
-    book = import_library("xlsxwriter", "XLSX").Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
+    xlsxwriter = checks.import_library("xlsxwriter", "XLSX", "reports")
+    book = xlsxwriter.Workbook(stream, {"in_memory": True, **_TEXTS_STAY})
     when = heading.date if isinstance(heading.date, datetime.date) else _EPOCH
     if not isinstance(when, datetime.datetime):
         when = datetime.datetime.combine(when, datetime.time())
@@ -103,7 +105,7 @@ def _write_table(book, sheet, table, look):
     sheet.write_row(2, 0, table.units, look["unit"])
     for k, unit in enumerate(table.units):
         values = [row[k] for row in table.rows]
-        sheet.write_column(3, k, map(_exact, values), _number_format(book, unit, values))
+        sheet.write_column(3, k, map(_cell_value, values), _number_format(book, unit, values))
     sheet.autofit(_WIDEST)  # before title and notes, which go on over other columns
     sheet.write(0, 0, table.title, look["title"])
     sheet.write_column(4 + len(table.rows), 0, table.notes, look["note"])
@@ -118,11 +120,11 @@ def _write_table(book, sheet, table, look):
     sheet.set_footer("&C&P / &N")
 
 
-def _exact(value):
+def _cell_value(value):
     """Return a value as a workbook has it: numbers with all digits, infinite ones as text."""
     if not isinstance(value, float):
         return value
-    return _Exact(value) if math.isfinite(value) else str(value)
+    return _AllDigits(value) if math.isfinite(value) else str(value)
 
 
 def _number_format(book, unit, values):

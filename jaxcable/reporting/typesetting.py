@@ -8,7 +8,8 @@ import re
 from importlib import resources
 from typing import Any
 
-from .document import Document, import_library
+from ..common import checks
+from .document import Document
 
 _LONG_WORD = re.compile(r"\S{21,}")
 _BREAK_AFTER = re.compile(r"[^\W_]{12}|[\W_]")
@@ -21,7 +22,7 @@ def pdf_bytes(document: Document) -> bytes:
     """
     data = json.dumps(_document_data(document), ensure_ascii=False)
     template = resources.files(__package__).joinpath("report.typ.txt").read_bytes()
-    typst = import_library("typst", "PDF")
+    typst = checks.import_library("typst", "PDF", "reports")
     return typst.compile(template, format="pdf", sys_inputs={"data": data})
 
 

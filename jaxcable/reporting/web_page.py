@@ -13,7 +13,7 @@ from .document import Document
 def page_text(document: Document) -> str:
     """Return the text of an HTML file of a `Document`."""
     template = resources.files(__package__).joinpath("report.html.txt").read_text("utf-8")
-    pictures = "".join(_picture(caption, svg) for caption, svg in document.pictures)
+    pictures = "".join(_picture_html(caption, svg) for caption, svg in document.pictures)
     contents = [("summary", "Summary"), *[("pictures", "Pictures")] * bool(pictures)]
     contents += [(f"table-{table.name}", table.title) for table in document.tables]
     links = (f'<li><a href="#{escape(place)}">{escape(text)}</a>' for place, text in contents)
@@ -23,11 +23,11 @@ def page_text(document: Document) -> str:
         links="".join(links),
         summary="".join(f"<p>{escape(sentence)}" for sentence in document.summary),
         pictures='<h2 id="pictures">Pictures</h2>' * bool(pictures) + pictures,
-        tables="\n".join(_table(table) for table in document.tables),
+        tables="\n".join(_table_html(table) for table in document.tables),
     )
 
 
-def _picture(caption, svg):
+def _picture_html(caption, svg):
     """Return a picture with its caption."""
     data = base64.b64encode(svg.encode()).decode()
     text = escape(caption)
@@ -37,10 +37,10 @@ def _picture(caption, svg):
     )
 
 
-def _table(table):
+def _table_html(table):
     """Return a `DocumentTable` with its title and its notes."""
     parts = "\n".join(
-        _part(part, f"{table.title}, part {k} of {len(table.parts)}")
+        _table_part_html(part, f"{table.title}, part {k} of {len(table.parts)}")
         for k, part in enumerate(table.parts, 1)
     )
     notes = "".join(f'<p class="note">{escape(note)}' for note in table.notes)
@@ -49,7 +49,7 @@ def _table(table):
     return f"<section{' class=wide' * table.landscape}>{title}{parts}{empty}{notes}</section>"
 
 
-def _part(part, label):
+def _table_part_html(part, label):
     """Return a part of a table; `label` says what it is to those who cannot see it."""
     kinds = [' class="n"' if is_numeric else "" for is_numeric in part.is_numeric]
 

@@ -84,13 +84,13 @@ class Cases:
         return None if covered else digest.of_host_function(self.draw)
 
 
-def _combination(values, shape, numbers):
+def _combinations_of_numbers(values, shape, numbers):
     """Return the combinations of `values`, arrays by name, with these numbers."""
     places = np.unravel_index(numbers, shape)
     return {name: value[k] for (name, value), k in zip(values.items(), places, strict=True)}
 
 
-def _rows(rows, numbers):
+def _rows_of_numbers(rows, numbers):
     """Return the rows of all arrays of a pytree that have these numbers."""
     return jax.tree.map(lambda leaf: leaf[numbers], rows)
 
@@ -124,7 +124,7 @@ def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike)
         require_numbers(value, f"product: {name}")
     shape = tuple(map(len, given.values()))
     named = {name: ((name,), value) for name, value in given.items() if value.ndim == 1}
-    draw = functools.partial(_combination, given, shape)
+    draw = functools.partial(_combinations_of_numbers, given, shape)
     return Cases(tuple(given), shape, draw, named, given)
 
 
@@ -181,7 +181,7 @@ def table(
         named[dim] = texts
     coordinates = {name: ((dim,), value) for name, value in named.items()}
     stated = rows, None if labels is None else texts
-    return Cases((dim,), (count,), functools.partial(_rows, rows), coordinates, stated)
+    return Cases((dim,), (count,), functools.partial(_rows_of_numbers, rows), coordinates, stated)
 
 
 def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample") -> Cases:

@@ -258,8 +258,8 @@ def test_form_finds_forces_in_masts_and_guys(scene, capsys, refused):
     assert command("form mast.json --tension NET=3000 --length MAST=3 GUY=drawn") == 0
     for more, message in (
         ("", "q: element 0 of elements['GUY'] has no force density; every element needs one;"),
-        ("--length MAST=drawn", "group 'GUY' has neither of --force-density and --length"),
-        ("--length MAST=drawn NET=5 GUY=drawn", "group 'NET' has both of --force"),
+        ("--length MAST=drawn", "group 'GUY' has none of --tension, --force-density and"),
+        ("--length MAST=drawn NET=5 GUY=drawn", "group 'NET' has more than one of --"),
         ("--length POST=drawn", "--length: no group 'POST'; there are GUY, MAST, NET"),
         ("--length POST=3", "--length: no group 'POST'; there are GUY, MAST, NET"),
         ("--length 3", "--length: expected group=drawn, or group=number, m"),

@@ -611,14 +611,14 @@ jc.plots.diagram(twice(solution()), structure=HUNG)  # solution: is a batch
 jc.plots.increments(twice(solution()))  # solution: is a batch
 jc.plots.increments(solution(), tol=0)  # tol = 0: must be positive
 jc.plots.net(solution(), color="stress")  # color = 'stress'
-jc.plots.net(solution(), structure=net())  # structure: has other links
+jc.plots.net(solution(), structure=net())  # solution: element groups: one
 jc.plots.net(solution(), color="utilization")  # structure: needed for color
 jc.plots.net(solution(), color="utilization", structure=HUNG)  # strength: no group has one
 jc.plots.net(solution(), axes=True)  # structure: needed for axes
 jc.plots.net(solution(), heights=0)  # heights = 0: must be positive
 jc.plots.net(solution(), names=["snow"])  # names: 1 of them, but 2 phases
 jc.plots.sequence(solution(), names=["snow"])  # names: 1 of them, but 2 phases
-jc.plots.sequence(solution(), columns=0)  # columns = 0: must be a positive integer
+jc.plots.sequence(solution(), columns=0)  # columns = 0: expected a whole number
 jc.plots.animation(solution(), "net.gif", names=["snow"])  # names: 1 of them, but 2 phases
 jc.plots.animation(solution(), "net.mp4")  # ...expected the suffix
 jc.plots.animation(solution(), "net.gif", frames=0)  # frames = 0

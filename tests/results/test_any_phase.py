@@ -96,8 +96,8 @@ def test_what_is_refused(propped):
             structure, nodes=nodes, elements=jc.Beams([[0, 1], [1, 2]], section=SECTION)
         )
         jc.section_forces(two, solution.phases[0])
-    for phase, message in ((2, "phases 0 to 1"), (True, "whole number"), ("a", "whole number")):
-        with pytest.raises(ValueError, match=message):
+    for phase in (2, True, "a"):
+        with pytest.raises(ValueError, match="phases 0 to 1"):
             jc.plots.diagram(solution, structure=structure, phase=phase)
     with pytest.raises(ValueError, match="state, phase: give only one"):
         jc.plots.net(solution, structure=structure, phase=0, state=solution.last)
