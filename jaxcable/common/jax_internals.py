@@ -314,7 +314,7 @@ def quick_compile_options() -> dict[str, Any] | None:
     if jax.default_backend() != "cpu":
         return None
     try:
-        jax.jit(lambda: jnp.zeros(()), compiler_options=options)()
+        jax.jit(lambda: jnp.zeros(())).lower().compile(options)
     except jax.errors.JaxRuntimeError:
         return None
     return options

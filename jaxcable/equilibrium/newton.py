@@ -58,7 +58,13 @@ from ..spaces.translations import drop_low_part
 from .convergence import AddedLoadCriterion, IterationSettings, residual_tolerance
 from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
-from .newton_step import CG_LIMIT, max_abs, with_loose_nodes_held, zero_eigenvalue_bound
+from .newton_step import (
+    CG_LIMIT,
+    max_abs,
+    stability_shift,
+    with_loose_nodes_held,
+    zero_eigenvalue_bound,
+)
 
 
 @pytree(static=("linear_solver", "watch"))
@@ -233,7 +239,8 @@ def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, 
     if system.always_convex:
         return jnp.ones((), bool)
     matrix = system.tangent(x)
-    shifted = linear.add_to_diagonal(matrix, -zero_eigenvalue_bound(matrix))
+    shift = stability_shift(zero_eigenvalue_bound(matrix))
+    shifted = linear.add_to_diagonal(matrix, shift)
     return system.convex | linear.is_definite(with_loose_nodes_held(system, shifted, x))
 
 

@@ -26,7 +26,13 @@ from .convergence import Convergence
 from .globalization import FullStepPhase, LevenbergShift
 from .interior_point import LengthBoundEquations
 from .newton_state import Evaluation, NewtonState
-from .newton_step import max_abs, newton_direction, with_loose_nodes_held, zero_eigenvalue_bound
+from .newton_step import (
+    max_abs,
+    newton_direction,
+    stability_shift,
+    with_loose_nodes_held,
+    zero_eigenvalue_bound,
+)
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces
 from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
@@ -256,7 +262,7 @@ class StructureSteps(StepMethod):
             shift = jnp.where(is_full, 0.0, shift)
         if partial_net is not None or not system.always_convex:
             least = zero_eigenvalue_bound(matrix)
-            shift = jnp.where(converged, -least, shift)
+            shift = jnp.where(converged, stability_shift(least), shift)
         if partial_net is not None:
             damping = jnp.maximum(cables.unknowns.interior_point.damping, least)
             shift = jnp.where(unknowns.uses_interior_point, damping, shift)
