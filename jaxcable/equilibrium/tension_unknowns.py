@@ -53,6 +53,7 @@ MIXED, INTERIOR, FINISH = range(3)
 # finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
 # one that does not costs little more than its patience.
 _PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
+_LAST_PATIENCE = 25  # of the last finish without cones: nothing follows it
 _FIRST_PATIENCE_WITH_OTHERS = 12  # the patience of the first mode if there are other elements
 _EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
@@ -226,8 +227,9 @@ class TensionUnknowns:
             lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
         else:
             first = _PATIENCE[0] if full_steps_failed is None else _FIRST_PATIENCE_WITH_OTHERS
-            pairs = (first, _PATIENCE[1]), _MAX_STEPS[:2]
-            patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
+            last = finishing & (self.finishes >= self.interior_point.max_finishes)
+            patience = jnp.where(mixed, first, jnp.where(last, _LAST_PATIENCE, _PATIENCE[1]))
+            longest = jnp.where(mixed | last, *_MAX_STEPS[:2])
             lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
         begins, returns = mixed & lost, finishing & lost
         given = self, finite, since, residual / scale, length
