@@ -33,7 +33,7 @@ from record import Record
 import jaxcable as jc
 from jaxcable.equilibrium import iteration
 
-STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish"
+STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish", "search"
 STEPS += "full", "uphill", "predicted", "Newton"
 NONE = -1
 
@@ -70,12 +70,13 @@ LISTENER = Listener()
 
 def kind_of_step(search, state):
     """Number of the kind of the step that a state is about to try."""
-    strategy = state.strategy
-    names = {name: k for k, name in enumerate(STEPS)}
+    strategy, names = state.strategy, {name: k for k, name in enumerate(STEPS)}
+    unknowns = strategy.unknowns
     if search.system.is_net:
-        of = "cones" if strategy.has_cones else "bounds"
-        return jnp.array([names["mixed"], names[of], names[f"{of}' finish"]])[strategy.mode]
-    kind, unknowns, full_steps = jnp.int32(names["Newton"]), strategy.unknowns, strategy.full_steps
+        of = "cones" if unknowns.has_cones else "bounds"
+        modes = [names["mixed"], names[of], names[f"{of}' finish"], names["search"]]
+        return jnp.array(modes)[unknowns.mode]
+    kind, full_steps = jnp.int32(names["Newton"]), strategy.full_steps
     if strategy.predicted is not None:
         kind = jnp.int32(names["predicted"])
     if full_steps is not None:

@@ -310,7 +310,7 @@ def quick_compile_options() -> dict[str, Any] | None:
     Nothing else is worth it (measured with 0.10.2 and 0.12.0.1): lower optimization levels, other
     numbers of parts compiled in parallel, schedulers, instruction sets, XLA's preset.
     """
-    options = {"xla_cpu_use_fusion_emitters": False}
+    options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
     if jax.default_backend() != "cpu":
         return None
     try:

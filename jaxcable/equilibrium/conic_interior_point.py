@@ -104,7 +104,7 @@ class ConicInteriorPoint:
     target: Float[Array, ""]
 
     initial_threshold: ClassVar[float] = 1.0  # m over that from which finishing steps are tried
-    max_finishes: ClassVar[int] = 6  # how often finishing steps are tried
+    max_finishes: ClassVar[int] = 3  # how often finishing steps are tried
     # as `limit` of `linear.solve_reusing_factor`: -1 because pivots may have few digits
     min_cg_limit: ClassVar[int] = -1
 

@@ -132,8 +132,8 @@ class EquilibriumSearch:
         over, moved = trial.search_over, ~state.stays_at_point | state.has_no_step
         reach = self.system.largest_displacement(state.point.x)
         given = state, trial, over & moved, converged
-        strategy, x, elsewhere, gives_up = self.method.choose(*given)
-        spent = gives_up | (~converged & (state.steps >= self.convergence.max_steps))
+        strategy, x, elsewhere = self.method.choose(*given)
+        spent = ~converged & (state.steps >= self.convergence.max_steps)
         runaway = over & (reach > self.method.farthest * self.method.extent) & ~elsewhere
         code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
         stop = over & ((code != status.OK) | spent)

@@ -1,21 +1,25 @@
-"""Steps of nets of cables: displacements and tensions are unknown; whole steps, no line search.
+"""Steps of nets of cables: displacements and tensions are unknown, and steps are whole ones.
 
-`tension_unknowns` says which kinds of steps there are, and when each of them is taken.
+`tension_unknowns` says which kinds of steps there are, and when each of them is taken. A line
+search is what comes last: nets of very stiff sliding cables need it.
 """
 
 from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ..common.tree import copy_with, select_tree
+from .. import linear
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..mechanics.assembly import System
 from ..mechanics.tension_responses import TensionResponses, has_load
+from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
 from .convergence import Convergence
+from .globalization import ASTRAY, LevenbergShift
 from .newton_state import Evaluation, NewtonState
 from .newton_step import max_abs, newton_direction
-from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
+from .step_method import Choice, NextStep, StepMethod, Trial
 from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
@@ -28,6 +32,21 @@ _FINE_PART_FROM = 0.05
 _MAX_ROUNDING = 1e-2
 
 
+@pytree
+class NetStrategy:
+    """State of `NetSteps`.
+
+    Attributes:
+        unknowns: tensions as unknowns, and the kind of steps.
+        search: which fraction of a step is tried next, where the kind is a line search.
+        shift: Levenberg shift of the matrix, likewise.
+    """
+
+    unknowns: TensionUnknowns
+    search: LineSearch
+    shift: LevenbergShift
+
+
 class NetSteps(StepMethod):
     """The method of nets of cables."""
 
@@ -37,9 +56,11 @@ class NetSteps(StepMethod):
         super().__init__(system, begin, convergence)
         self.is_loaded = has_load(system, begin)
 
-    def initial(self) -> TensionUnknowns:
+    def initial(self) -> NetStrategy:
         """Return the state of the method before the first evaluation."""
-        return TensionUnknowns.initial(self.system, self.begin, is_partial_net=False)
+        unknowns = TensionUnknowns.initial(self.system, self.begin, is_partial_net=False)
+        zero = jnp.zeros((), self.begin.dtype)
+        return NetStrategy(unknowns, LineSearch.init(zero), LevenbergShift.initial(zero.dtype))
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
         """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
@@ -67,14 +88,19 @@ class NetSteps(StepMethod):
         return point.exact | ~self._needs_fine_part(point)
 
     def trial_point(self, state: NewtonState) -> Motion:
-        """Return the motion after the whole step."""
-        return self.system.move(state.point.x, state.step)
+        """Return the motion after the whole step, or the fraction that a line search tries."""
+        return self.system.move(state.point.x, state.strategy.search.length * state.step)
 
     def judge(
         self, state: NewtonState, tried: Evaluation
-    ) -> tuple[TensionUnknowns, float, Bool[Array, ""], Bool[Array, ""]]:
-        """Accept every point with finite forces."""
-        return state.strategy, 1.0, jnp.isfinite(tried.scale), jnp.zeros((), bool)
+    ) -> tuple[NetStrategy, Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
+        """Accept every point with finite forces, or what the line search accepts."""
+        own, finite = state.strategy, jnp.isfinite(tried.scale)
+        slope = jnp.where(finite, tried.residual @ state.step, jnp.inf)
+        search, fine, again = own.search.update(slope)
+        searches = own.unknowns.uses_line_search
+        fine, again = jnp.where(searches, fine, finite), again & searches
+        return copy_with(own, search=search), own.search.length, fine, again
 
     def start_rounding(self, point: Evaluation) -> Float[Array, ""]:
         """Return the residual that is allowed in a net without load, N.
@@ -97,12 +123,16 @@ class NetSteps(StepMethod):
         self, state: NewtonState, trial: Trial, moved: Bool[Array, ""], converged: Bool[Array, ""]
     ) -> Choice:
         """Choose the kind of the next step (`TensionUnknowns.switch_mode`)."""
-        point, unknowns, may_switch = state.point, state.strategy, moved & ~converged
+        point, own, unknowns = state.point, state.strategy, state.strategy.unknowns
+        searches, first_shift = unknowns.uses_line_search, LevenbergShift.initial(point.x.dtype)
+        shift = select_tree(moved, own.shift.update(trial.accepted, trial.fraction), own.shift)
+        shift = select_tree(searches, shift, first_shift)
         astray = self.system.largest_displacement(point.x) > ASTRAY * self.extent
         given = point, self.begin, trial.accepted, astray, self.length
-        new, x, elsewhere, gives_up = unknowns.switch_mode(*given)
-        after, x = select_tree(may_switch, (new, x), (unknowns, point.x))
-        return Choice(after, x, may_switch & elsewhere, may_switch & gives_up)
+        new, x, elsewhere = unknowns.switch_mode(*given)
+        may_switch = moved & ~converged & ~searches
+        unknowns, x = select_tree(may_switch, (new, x), (unknowns, point.x))
+        return Choice(NetStrategy(unknowns, own.search, shift), x, may_switch & elsewhere)
 
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
@@ -110,15 +140,17 @@ class NetSteps(StepMethod):
         """Make the next step, of displacements and tensions."""
         system, point = self.system, state.point
         given = system, point.x, point.elements, point.residual, self.length
-        equations = state.strategy.step_equations(*given)
+        equations = state.strategy.unknowns.step_equations(*given)
         unknowns, residual = equations.unknowns, max_abs(point.residual)
-        matrix = equations.matrix(system, point.x, residual)
+        shift = state.strategy.shift.value(residual, self.length)
+        shift = jnp.where(unknowns.uses_line_search, shift, 0.0)
+        matrix = linear.add_to_diagonal(equations.matrix(system, point.x, residual), shift)
         # matrices of interior steps differ too much from each other
         similar = system.convex & ~unknowns.has_interior_matrix
         min_limit = unknowns.interior_point.min_cg_limit
-        given = system, matrix, equations.rhs, residual / point.scale, self.convergence.tol
+        settings = self.convergence.tol, state.factored, wanted, similar, min_limit
         step, definite, factored = newton_direction(
-            *given, state.factored, wanted, similar, min_limit
+            system, matrix, equations.rhs, residual / point.scale, *settings
         )
         after, fraction, is_predictor = equations.take_step(system, point.x, step, definite)
         if factored is not None:  # a corrector has the factor of its predictor
@@ -126,5 +158,8 @@ class NetSteps(StepMethod):
             factored = copy_with(factored, count=count)
         after, again = unknowns.repeat_if_indefinite(after, definite)
         step, stays = fraction * step, converged | is_predictor
-        usable = definite & jnp.isfinite(point.residual @ step) & ~stays
-        return NextStep(after, step, usable, again | is_predictor, ~stays, definite, factored)
+        slope = point.residual @ step
+        usable = definite & ((slope < 0) | ~unknowns.uses_line_search)
+        usable = usable & jnp.isfinite(slope) & ~stays
+        own = NetStrategy(after, LineSearch.init(slope), state.strategy.shift)
+        return NextStep(own, step, usable, again | is_predictor, ~stays, definite, factored)

@@ -23,8 +23,6 @@ from ..spaces.space import Motion
 from .convergence import Convergence
 from .newton_state import Evaluation, NewtonState
 
-ASTRAY = 10.0  # displacement, in structure sizes, at which the kind of steps counts as failed
-
 
 class Trial(NamedTuple):
     """What became of a trial point.
@@ -47,13 +45,11 @@ class Choice(NamedTuple):
         strategy: state of the method.
         x: motion from which it goes on.
         elsewhere: whether this is another point than that of the last evaluation.
-        gives_up: whether no kind of steps is left.
     """
 
     strategy: PyTree[Array]
     x: Motion
     elsewhere: Bool[Array, ""]
-    gives_up: Bool[Array, ""]
 
 
 class NextStep(NamedTuple):

@@ -23,7 +23,7 @@ from ..mechanics.chords import Chords, any_chords, relative_to_first_end
 from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
 from .convergence import Convergence
-from .globalization import FullStepPhase, LevenbergShift
+from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .interior_point import LengthBoundEquations
 from .newton_state import Evaluation, NewtonState
 from .newton_step import (
@@ -35,7 +35,7 @@ from .newton_step import (
 )
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces
-from .step_method import ASTRAY, Choice, NextStep, StepMethod, Trial
+from .step_method import Choice, NextStep, StepMethod, Trial
 from .tension_unknowns import TensionUnknowns
 
 
@@ -155,7 +155,7 @@ class StructureSteps(StepMethod):
         """Choose the shift, whether full steps go on, and whether cables get interior steps."""
         own, x, no = state.strategy, state.point.x, jnp.zeros((), bool)
         reach = self.system.largest_displacement(x)
-        first_shift, again, gives_up = LevenbergShift.initial(x.dtype), no, no
+        first_shift, again = LevenbergShift.initial(x.dtype), no
         shift = own.shift.update(trial.accepted, trial.fraction)
         shift, full_steps = select_tree(moved, shift, own.shift), own.full_steps
         if full_steps is not None:
@@ -165,13 +165,14 @@ class StructureSteps(StepMethod):
             x, shift = select_tree(again, (self.begin, first_shift), (x, shift))
         unknowns, predicted = own.unknowns, own.predicted
         if unknowns is not None:
-            may_switch, astray = moved & ~converged, reach > ASTRAY * self.extent
+            may_switch = moved & ~converged & ~unknowns.uses_line_search
+            astray = reach > ASTRAY * self.extent
             at = copy_with(state.point, x=x), self.begin
-            new, start, elsewhere, fails = unknowns.switch_mode(
+            new, start, elsewhere = unknowns.switch_mode(
                 *at, trial.accepted, astray, self.length, full_steps_failed=again
             )
             unknowns, x = select_tree(may_switch, (new, start), (unknowns, x))
-            elsewhere, gives_up = may_switch & elsewhere, may_switch & fails
+            elsewhere = may_switch & elsewhere
             again, changed = again | elsewhere, unknowns.mode != own.unknowns.mode
             shift = select_tree(changed, first_shift, shift)
             if full_steps is not None:
@@ -179,7 +180,7 @@ class StructureSteps(StepMethod):
             if predicted is not None:
                 predicted = copy_with(predicted, is_known=predicted.is_known & ~elsewhere)
         after = StructureStrategy(own.search, shift, full_steps, unknowns, predicted)
-        return Choice(after, x, again, gives_up)
+        return Choice(after, x, again)
 
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]

@@ -20,9 +20,10 @@ cables and other laws, and in float32, a bound on every length (`interior_point`
 
 The iteration is mixed as long as the residual falls; then interior, from the start of the
 increment; then it is finished by mixed steps, or with cones by finishing steps of their own,
-because interior steps become inaccurate where slack and taut cannot be told apart. Nets with cones
-begin with the interior iteration where no cable has tension, because mixed steps do not help there,
-and leave mixed steps early.
+because interior steps become inaccurate where slack and taut cannot be told apart; and if all of
+this fails, it goes on by plain Newton steps with a line search. Nets with cones begin with the
+interior iteration where no cable has tension, because mixed steps do not help there, and leave
+mixed steps early.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -47,13 +48,12 @@ from .interior_point import InteriorPoint, LengthBoundEquations
 from .newton_state import Evaluation
 from .newton_step import max_abs
 
-MIXED, INTERIOR, FINISH = range(3)
+MIXED, INTERIOR, FINISH, SEARCH = range(4)
 
 # Steps within which the residual must halve, and all steps, of a mode: mixed, finishing, and
 # finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
 # one that does not costs little more than its patience.
 _PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
-_LAST_PATIENCE = 25  # of the last finish without cones: nothing follows it
 _FIRST_PATIENCE_WITH_OTHERS = 12  # the patience of the first mode if there are other elements
 _EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
@@ -71,9 +71,9 @@ class TensionUnknowns:
 
     Attributes:
         mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
-            interior-point method) or `FINISH` (Newton steps from its end). In structures with other
-            elements, too (`partial_net`), all but `INTERIOR` are Newton steps for displacements
-            only, with predicted axial forces.
+            interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
+            with line search). In structures with other elements, too (`partial_net`), all but
+            `INTERIOR` are Newton steps for displacements only, with predicted axial forces.
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
@@ -137,6 +137,11 @@ class TensionUnknowns:
         return isinstance(self.interior_point, ConicInteriorPoint)
 
     @property
+    def uses_line_search(self) -> Bool[Array, ""]:
+        """Whether the mode is `SEARCH`: Newton steps with a line search."""
+        return self.mode == SEARCH
+
+    @property
     def uses_interior_point(self) -> Bool[Array, ""]:
         """Whether the mode is `INTERIOR`: steps of the interior-point method."""
         return self.mode == INTERIOR
@@ -181,7 +186,7 @@ class TensionUnknowns:
 
         It covers what rounding makes of a zero stiffness, and grows after indefinite matrices.
         """
-        return self.indefinite_count**6  # 0, 1, 64, 729
+        return jnp.where(self.uses_line_search, 1, self.indefinite_count**6)  # 0, 1, 64, 729
 
     def switch_mode(
         self,
@@ -191,13 +196,13 @@ class TensionUnknowns:
         astray: Bool[Array, ""],
         length: Float[Array, ""],
         full_steps_failed: Bool[Array, ""] | None = None,
-    ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""], Bool[Array, ""]]:
-        """Choose the mode after a step: the same, interior or finishing.
+    ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""]]:
+        """Choose the mode after a step: the same, interior, finishing, or line search.
 
         Args:
             point: `Evaluation` of the point reached.
             begin: start of the increment (motion of all rows).
-            finite: whether the step led to finite forces.
+            finite: whether the step was accepted.
             astray: whether the point is far from the structure.
             length: mean length of elements, m.
             full_steps_failed: where the structure has other elements, too: whether the full Newton
@@ -205,8 +210,7 @@ class TensionUnknowns:
                 if this is true, but not because a step was refused. None for a net.
 
         Returns:
-            The state; the point to go on from; whether this is another one than `point`; whether no
-            mode is left.
+            The state; the point to go on from; whether this is another one than `point`.
         """
         x, scale, residual = point.x, point.scale, max_abs(point.residual)
         mixed, finishing, interior = (
@@ -227,19 +231,18 @@ class TensionUnknowns:
             lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
         else:
             first = _PATIENCE[0] if full_steps_failed is None else _FIRST_PATIENCE_WITH_OTHERS
-            last = finishing & (self.finishes >= self.interior_point.max_finishes)
-            patience = jnp.where(mixed, first, jnp.where(last, _LAST_PATIENCE, _PATIENCE[1]))
-            longest = jnp.where(mixed | last, *_MAX_STEPS[:2])
+            pairs = (first, _PATIENCE[1]), _MAX_STEPS[:2]
+            patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
             lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
         begins, returns = mixed & lost, finishing & lost
         given = self, finite, since, residual / scale, length
         finish = self.interior_point.decide_finish(*given)
         finishes = interior & finish.now
-        gives_up = returns & (self.finishes >= self.interior_point.max_finishes)
+        searches = returns & (self.finishes >= self.interior_point.max_finishes)
         if finish.failed is not None:
-            gives_up = gives_up | (interior & finish.failed)
+            searches = searches | (interior & finish.failed)
         mode = jnp.where(finishes, FINISH, self.mode)  # fewer kernels than `jnp.select`
-        mode = jnp.where(begins | returns, INTERIOR, mode)
+        mode = jnp.where(searches, SEARCH, jnp.where(begins | returns, INTERIOR, mode))
         changed = mode != self.mode
         count = self.finishes + 1
         if finish.final is not None:
@@ -250,7 +253,7 @@ class TensionUnknowns:
             self,
             mode=mode,
             guess=select_tree(finishes, self.interior_point.tension, self.guess),
-            is_new_mode=begins | (self.is_new_mode & ~changed),
+            is_new_mode=(begins | searches) | (self.is_new_mode & ~changed),
             best_residual=jnp.where(changed, residual, best),
             steps_since_halved=jnp.where(changed, 0, since),
             steps_in_mode=jnp.where(changed & ~returns, 0, self.steps_in_mode),
@@ -261,7 +264,7 @@ class TensionUnknowns:
             indefinite_count=jnp.where(changed, 0, self.indefinite_count),
         )
         x = select_tree(begins, begin, select_tree(returns, self.interior_motion, x))
-        return after, x, begins | returns, gives_up
+        return after, x, begins | returns
 
     def repeat_if_indefinite(
         self, after: TensionUnknowns, definite: Bool[Array, ""]
@@ -271,7 +274,7 @@ class TensionUnknowns:
         It is repeated if its matrix was not `definite`, because rounding can make a zero stiffness
         negative; otherwise the state is `after`.
         """
-        again = ~definite & (self.indefinite_count < _MAX_SHIFTS)
+        again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
         return select_tree(
             again, copy_with(self, indefinite_count=self.indefinite_count + 1), after
         ), again
@@ -295,7 +298,7 @@ class TensionUnknowns:
         """
         tension = responses.tension
         load = largest_load(system, system.external_force(x), tension)
-        guess = select_tree(self.is_new_mode, tension, self.guess)
+        guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
         unknowns = copy_with(self, best_residual=best)

@@ -13,6 +13,7 @@ NEEDED_BY = {  # kinds of steps: bank, kind of scene, seed
     ("mixed",): (net_bank, "net", 0),
     ("cones", "cones' finish"): (net_bank, "far", 0),
     ("bounds", "bounds' finish"): (bar_bank, "mixed", 1),
+    ("search",): (net_bank, "sliding", 13),
     ("full",): (unsymmetric_bank, "thrown", 0),
     ("uphill",): (unsymmetric_bank, "towed", 0),
     ("predicted",): (bar_bank, "turning", 0),
