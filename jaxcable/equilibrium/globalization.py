@@ -59,9 +59,10 @@ class LevenbergShift:
 
 @pytree
 class FullStepPhase:
-    """Up to 20 full Newton steps without line search, with which an iteration begins.
+    """Up to 20 full Newton steps without line search, with which some iterations begin.
 
-    So do structures whose tangent can be unsymmetric: by rotations, following loads or elements.
+    They are those of structures whose tangent can be unsymmetric, by rotations, following loads or
+    elements.
     If they fail, the iteration starts again from its first point, with line search.
 
     Attributes:

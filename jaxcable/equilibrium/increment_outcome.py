@@ -107,7 +107,7 @@ def make_outcome(
         factored: factored matrix at its start, to count factorizations; None with dense ones.
     """
     forces = max_abs(end.point.residual), _largest_rounding(system, end)
-    code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
+    code = _find_failure_cause(system, end, *forces)
     if system.has_rupture:
         ruptured = active & (code != status.NONFINITE) & ruptured
         code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)

@@ -118,8 +118,9 @@ class EquilibriumSearch:
             granted = method.granted_residual(*given)
         given = progress, residuals, point.scale, granted, state.steps, trial.search_over
         progress, converged, lost = self.convergence.compare(*given)
-        code = jnp.where(lost, status.AT_ROUNDING, code).astype(jnp.int32)
-        converged = converged & method.is_exact_enough(point)
+        exact = method.is_exact_enough(point)
+        code = jnp.where(lost & exact, status.AT_ROUNDING, code).astype(jnp.int32)
+        converged = converged & exact
         return copy_with(state, progress=progress, code=code), converged
 
     def _choose(self, state, trial, converged):
@@ -139,7 +140,7 @@ class EquilibriumSearch:
         stop = over & ((code != status.OK) | spent)
         reevaluates = elsewhere & ~stop
         code = jnp.where(stop & (code == status.OK), status.NOT_CONVERGED, code)
-        ends = over & converged & ~(converged & self.judges_stability) & ~reevaluates
+        ends = over & converged & ~self.judges_stability
         after = copy_with(
             state,
             point=copy_with(state.point, x=x),

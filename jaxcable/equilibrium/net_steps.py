@@ -146,7 +146,7 @@ class NetSteps(StepMethod):
         shift = jnp.where(unknowns.uses_line_search, shift, 0.0)
         matrix = linear.add_to_diagonal(equations.matrix(system, point.x, residual), shift)
         # matrices of interior steps differ too much from each other
-        similar = system.convex & ~unknowns.has_interior_matrix
+        similar = ~unknowns.has_interior_matrix
         min_limit = unknowns.interior_point.min_cg_limit
         settings = self.convergence.tol, state.factored, wanted, similar, min_limit
         step, definite, factored = newton_direction(

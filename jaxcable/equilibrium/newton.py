@@ -301,7 +301,7 @@ def solve_increments(
         )
         given = method, active | only_evaluates, factored, judges, criterion, only_evaluates
         end = _iterate_until_done(system, x, *given)
-        begins, ended = is_first & at_start, active & (end.code <= status.OK)
+        begins, ended = is_first & at_start, active & (end.code == status.OK)
         motion, ruptured = select_tree(begins, first, end.point.x), False
         reading = lax.cond(
             begins | ended,

@@ -41,7 +41,8 @@ class NewtonState:
         step: the step from there, [n_free]; zeros where `stays_at_point`.
         stays_at_point: whether the next evaluation is at the point itself: at the start, when the
             iteration goes on from another point, and when no usable step was found.
-        has_no_step: whether the reason for that is that no usable step was found.
+        has_no_step: whether the reason for that is that no usable step was found, and none will be
+            made from the same point in another way.
         strategy: state of the method that makes the steps (`step_method`).
         progress: `Progress` towards convergence.
         steps: number of Newton steps so far.

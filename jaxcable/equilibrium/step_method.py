@@ -7,7 +7,8 @@ tolerances, counts steps, and ends. In each iteration it calls, in this order,
     trial_point -> evaluate -> judge -> granted_residual -> choose -> make_step
 
 where all but the last run in every iteration, and `make_step` only if a step is wanted. What a
-method remembers from step to step is a pytree of its own, ``state.strategy``.
+method remembers from step to step is a pytree of its own, ``state.strategy``. (`start_rounding` and
+`is_exact_enough` belong to the comparison.)
 """
 
 from __future__ import annotations

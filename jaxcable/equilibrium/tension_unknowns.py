@@ -77,8 +77,8 @@ class TensionUnknowns:
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
-        best_residual: smallest residual since the mode began, N.
-        steps_since_halved: steps since the residual was halved.
+        best_residual: residual when it was last halved, or at the start of the mode, N.
+        steps_since_halved: steps since then.
         steps_in_mode: steps since the mode began; finishing steps that have failed do not reset it.
         blocked_steps: interior steps in succession that a bound has made short.
         finish_threshold: `FinishDecision.remaining` below which finishing steps are tried.
