@@ -93,7 +93,7 @@ def _evaluate(*arguments, jaxpr, **options):
 def _weak(x, aval):
     """Return an array whose dtype yields to that of others, if that of the result does."""
     if aval.weak_type:
-        x.aval = x.aval.update(weak_type=True)
+        return type(x)(x.aval.update(weak_type=True), x.sharding, [x], committed=False)
     return x
 
 

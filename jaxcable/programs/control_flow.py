@@ -175,6 +175,17 @@ def _call(block, equation, inputs):
     return write_callable(block, program, inputs, [x.aval for x in equation.outvars], once=True)
 
 
+@rule("call_hi_primitive")  # of jax 0.12, where `lax.custom_root` is one
+def _high_level_call(block, equation, inputs):
+    expand = functools.partial(equation.primitive.to_lojax, **equation.params)
+    shapes = [
+        jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype, weak_type=x.aval.weak_type)
+        for x in equation.invars
+    ]
+    program = jax.make_jaxpr(expand)(*shapes)
+    return write_callable(block, program, inputs, [x.aval for x in equation.outvars], once=True)
+
+
 @rule("custom_linear_solve")
 def _linear_solve(block, equation, inputs):
     counts = equation.params["const_lengths"]

@@ -477,7 +477,7 @@ def test_every_rule_has_been_compared():
 
 OTHER_VERSIONS = {
     *("log2", "one_minus_square", "closed_call", "remat2", "checkpoint", "custom_vmap_call"),
-    "eval_jaxpr",
+    *("eval_jaxpr", "call_hi_primitive"),
     *("scatter_add", "scatter_sub", "scatter_mul", "scatter_min", "scatter_max", "tile"),
     *("custom_vjp_call", "copy", "stop_gradient", "unstack", "lu_pivots_to_permutation", "stack"),
 }
