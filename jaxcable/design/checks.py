@@ -233,10 +233,11 @@ def checks(
         >>> load = jc.NodalLoads([1], (0, 0, -60e3))
         >>> crowd = jc.design.Action("crowd", "imposed A", load)
         >>> combinations = jc.design.combinations([crowd])
-        >>> solutions = jc.design.solve_cases(structure, jc.Phase(pretension=1e3), combinations)
+        >>> hung = jc.Phase(loads=jc.NodalLoads([1], (0, 0, -1e3)))
+        >>> solutions = jc.design.solve_cases(structure, hung, combinations)
         >>> print(jc.design.checks(structure, solutions, combinations=combinations))
-        cable resistance: utilization 0.450, element 0, ULS 6.10-2, EN 1993-1-11:2006, 6.2
-        cable service stress: utilization 0.444, element 0, SLS characteristic-2, \
+        cable resistance: utilization 0.455, element 0, ULS 6.10-2, EN 1993-1-11:2006, 6.2
+        cable service stress: utilization 0.452, element 0, SLS characteristic-2, \
 EN 1993-1-11:2006, 7.2
     """
     if not isinstance(solutions, Solution):

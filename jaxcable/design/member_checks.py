@@ -126,7 +126,7 @@ class MemberSection(_OnMembers):
         profile: record from `catalogue.profile_data`, or the numbers of a `SteelSection`; in files
             the name of the record, such as "CHS 168.3x8".
         section_class: of a profile: 1 or 2 for plastic moduli, 3 for elastic ones.
-        yield_strength: f_y, Pa.
+        yield_strength: yield strength f_y, Pa.
         places: number of places along beams.
         gamma_m0: partial factor, without unit.
 

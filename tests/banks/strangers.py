@@ -58,7 +58,9 @@ def _tables(*names):
 
 
 def _report(solution):
-    tables = _tables(*jc.report(SCENE.structure, solution).csv(), "energy")
+    tables = _tables(
+        *jc.report(SCENE.structure, solution, SCENE.phases, model=True).csv(), "energy"
+    )
     one = (".json", ".txt", ".html", ".xlsx", ".pdf")
     suffixes = {".csv": tables, **dict.fromkeys(one, lambda p: [p])}
     return lambda path: suffixes.get(path.suffix, lambda _: [])(path)

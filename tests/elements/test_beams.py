@@ -248,6 +248,7 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:node .* has moved")  # with its support
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along, and its joint."""
     joint = {"hinges": np.array([[False, False], [True, False]]), "springs": 1e3}

@@ -239,6 +239,7 @@ def test_forks_and_joints_in_linear_theory():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:node .* has moved")  # by its support
 def test_a_hinge_about_one_axis_turns_far():
     """A rigid arm on a door hinge swings by 120 degrees, and does not fall."""
     hinges = np.array([[[False, False, True], [False, False, False]]])
