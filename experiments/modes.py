@@ -32,6 +32,7 @@ from record import Record
 
 import jaxcable as jc
 from jaxcable.equilibrium import iteration
+from jaxcable.equilibrium.predicted_forces import is_prediction_step
 
 STEPS = "mixed", "cones", "cones' finish", "bounds", "bounds' finish", "search"
 STEPS += "full", "uphill", "predicted", "Newton"
@@ -78,7 +79,7 @@ def kind_of_step(search, state):
         return jnp.array(modes)[unknowns.mode]
     kind, full_steps = jnp.int32(names["Newton"]), strategy.full_steps
     if strategy.predicted is not None:
-        kind = jnp.int32(names["predicted"])
+        kind = jnp.where(is_prediction_step(state.steps - 1), names["predicted"], kind)
     if full_steps is not None:
         kind = jnp.where(full_steps.may_go_uphill, names["uphill"], kind)
     if unknowns is not None:

@@ -15,8 +15,8 @@ the exact penalty of the constraint l = L(N) in the sense of sequential quadrati
 which p is a descent direction where the matrix is positive definite. At the end N^ = N, and the
 iteration is Newton's.
 
-Predicted forces can cycle where cables alternate between slack and taut; for these there are
-interior-point steps (`partial_net`).
+Predicted forces can cycle, for example where a contact opens and closes: every 40 such steps are
+followed by 10 of Newton's own with the line search on true forces.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -31,7 +31,7 @@ from jax import lax
 from jax.typing import DTypeLike
 
 from ..common.tree import copy_with, pytree
-from ..common.types import Array, Bool, Float
+from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
 from ..mechanics.chords import (
     Chords,
@@ -41,6 +41,7 @@ from ..mechanics.chords import (
 )
 from ..spaces.space import Forces
 
+_CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
 # Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
 _MAX_OF_PREDICTED = 3.0
 # Force that the line search never cuts, over the largest load at a node: without it, bars with a
@@ -122,6 +123,12 @@ class PredictedForces:
         fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
         fraction = jnp.where(predicting, fraction, 1.0)
         return predicted, fraction, predicted.excess_force(chords.force) @ longer
+
+
+def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:
+    """Return whether the step after so many `steps` is to use predicted forces (40 of 50 are)."""
+    cycle, predicted = _CYCLE
+    return steps % cycle < predicted
 
 
 def step_fraction_within_length(squared_motion: Float[Array, ""]) -> Float[Array, ""]:

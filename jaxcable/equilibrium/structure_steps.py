@@ -34,7 +34,7 @@ from .newton_step import (
     zero_eigenvalue_bound,
 )
 from .partial_net import PartialNet
-from .predicted_forces import PredictedForces
+from .predicted_forces import PredictedForces, is_prediction_step
 from .step_method import Choice, NextStep, StepMethod, Trial
 from .tension_unknowns import TensionUnknowns
 
@@ -248,7 +248,9 @@ class StructureSteps(StepMethod):
             cables = partial_net.equations(*given)
             tangents = partial_net.tangents(x, tangents, cables)
         if own.predicted is not None:
-            predicting = ~is_full & ~converged
+            predicting = is_prediction_step(state.steps) & ~is_full & ~converged
+            if partial_net is not None:
+                predicting = predicting | (unknowns.takes_interior_or_finishing_steps & ~converged)
             forces = own.predicted.geometric_forces(chords, predicting)
             if partial_net is not None:
                 forces = partial_net.geometric_forces(forces, chords.force, unknowns)

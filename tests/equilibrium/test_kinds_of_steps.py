@@ -43,5 +43,5 @@ def test_kinds_of_steps_are_taken_where_they_are_needed(kinds, listening):
 
 
 def test_every_kind_is_needed_somewhere():
-    # Newton's steps by true forces are those of nets beyond a peak: tests/equilibrium/test_peaks.py
+    # Newton's steps by true forces: tests/equilibrium/test_peaks.py, elements/test_contacts.py
     assert {"Newton", *(kind for kinds in NEEDED_BY for kind in kinds)} == set(STEPS)
