@@ -133,4 +133,4 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
         numbers.append(max(map(abs, drawn(figure, k))))
     assert high[1] / high[0] == pytest.approx(2.0, rel=1e-2)
     assert numbers == pytest.approx([LOAD * SPAN**2 / 8, LOAD * SPAN**2 / 4], rel=1e-3)
-    assert figure.legends[0].get_texts()[0].get_text() == "My (N m)"
+    assert figure.legends[0].get_texts()[0].get_text() == "My positive (N m)"
