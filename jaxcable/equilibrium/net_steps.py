@@ -19,7 +19,7 @@ from .convergence import Convergence
 from .globalization import ASTRAY, LevenbergShift
 from .newton_state import Evaluation, NewtonState
 from .newton_step import max_abs, newton_direction
-from .step_method import Choice, NextStep, StepMethod, Trial
+from .step_method import Choice, NextStep, StepMethod, Trial, Verdict
 from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
@@ -87,20 +87,10 @@ class NetSteps(StepMethod):
         """
         return point.exact | ~self._needs_fine_part(point)
 
-    def trial_point(self, state: NewtonState) -> Motion:
-        """Return the motion after the whole step, or the fraction that a line search tries."""
-        return self.system.move(state.point.x, state.strategy.search.length * state.step)
-
-    def judge(
-        self, state: NewtonState, tried: Evaluation
-    ) -> tuple[NetStrategy, Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
-        """Accept every point with finite forces, or what the line search accepts."""
-        own, finite = state.strategy, jnp.isfinite(tried.scale)
-        slope = jnp.where(finite, tried.residual @ state.step, jnp.inf)
-        search, fine, again = own.search.update(slope)
-        searches = own.unknowns.uses_line_search
-        fine, again = jnp.where(searches, fine, finite), again & searches
-        return copy_with(own, search=search), own.search.length, fine, again
+    def accept(self, state: NewtonState, tried: Evaluation, searched: Verdict) -> Verdict:
+        """Accept every point with finite forces, but in a line search what that accepts."""
+        (fine, again), searches = searched, state.strategy.unknowns.uses_line_search
+        return jnp.where(searches, fine, jnp.isfinite(tried.scale)), again & searches
 
     def start_rounding(self, point: Evaluation) -> Float[Array, ""]:
         """Return the residual that is allowed in a net without load, N.

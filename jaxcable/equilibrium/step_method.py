@@ -13,16 +13,20 @@ method remembers from step to step is a pytree of its own, ``state.strategy``. (
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 
+from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..spaces.space import Motion
 from .convergence import Convergence
 from .newton_state import Evaluation, NewtonState
+
+Verdict: TypeAlias = 'tuple[Bool[Array, ""], Bool[Array, ""]]'
+"""Whether a point is accepted, and whether to try another fraction of the step."""
 
 
 class Trial(NamedTuple):
@@ -100,8 +104,8 @@ class StepMethod:
         raise NotImplementedError
 
     def trial_point(self, state: NewtonState) -> Motion:
-        """Return the motion at which the step of `state` is tried."""
-        raise NotImplementedError
+        """Return the motion after the fraction of the step that is tried."""
+        return self.system.move(state.point.x, state.strategy.search.length * state.step)
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
         """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
@@ -114,11 +118,28 @@ class StepMethod:
     def judge(
         self, state: NewtonState, tried: Evaluation
     ) -> tuple[Any, Float[ArrayLike, ""], Bool[Array, ""], Bool[Array, ""]]:
-        """Judge a trial point.
+        """Judge a trial point: by its line search, unless `accept` says otherwise.
 
         Returns:
             State of the method; the fraction of the step that was tried; whether the point is
             accepted; whether to try another fraction.
+        """
+        own, slope = state.strategy, self.energy_slope(state, tried)
+        slope = jnp.where(jnp.isfinite(tried.scale), slope, jnp.inf)
+        search, fine, again = own.search.update(slope)
+        fine, again = self.accept(state, tried, (fine, again))
+        return copy_with(own, search=search), own.search.length, fine, again
+
+    def energy_slope(self, state: NewtonState, tried: Evaluation) -> Float[Array, ""]:
+        """Return the derivative of the energy at the point `tried` along the step, J."""
+        return tried.residual @ state.step
+
+    def accept(self, state: NewtonState, tried: Evaluation, searched: Verdict) -> Verdict:
+        """Return whether a point is accepted, and whether to try another fraction.
+
+        Args:
+            state, tried: `NewtonState` and the `Evaluation` at the point.
+            searched: what the line search decides of both.
         """
         raise NotImplementedError
 

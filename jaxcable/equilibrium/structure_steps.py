@@ -35,7 +35,7 @@ from .newton_step import (
 )
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces, is_prediction_step
-from .step_method import Choice, NextStep, StepMethod, Trial
+from .step_method import Choice, NextStep, StepMethod, Trial, Verdict
 from .tension_unknowns import TensionUnknowns
 
 
@@ -118,31 +118,24 @@ class StructureSteps(StepMethod):
         residual, scale = system.residual_and_scale(x, end_forces)
         return Evaluation(x, residual, scale, rounding, (tangents, chords))
 
-    def trial_point(self, state: NewtonState) -> Motion:
-        """Return the motion after the fraction of the step that the line search tries."""
-        return self.system.move(state.point.x, state.strategy.search.length * state.step)
-
-    def judge(
-        self, state: NewtonState, tried: Evaluation
-    ) -> tuple[StructureStrategy, Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
-        """Judge a point by the energy along the step, or a full step by its forces being finite."""
-        own, finite = state.strategy, jnp.isfinite(tried.scale)
-        slope = jnp.where(finite, self._energy_slope(state, tried), jnp.inf)
-        search, fine, again = own.search.update(slope)
-        if own.full_steps is not None:
+    def accept(self, state: NewtonState, tried: Evaluation, searched: Verdict) -> Verdict:
+        """Accept what the line search accepts, but whole steps where their forces are finite."""
+        (fine, again), finite = searched, jnp.isfinite(tried.scale)
+        full_steps, unknowns = state.strategy.full_steps, state.strategy.unknowns
+        if full_steps is not None:
             residuals = state.point.residual, tried.residual
-            fine, again = own.full_steps.accept((fine, again), finite, residuals)
-        if own.unknowns is not None:
-            whole = own.unknowns.takes_interior_or_finishing_steps
+            fine, again = full_steps.accept((fine, again), finite, residuals)
+        if unknowns is not None:
+            whole = unknowns.takes_interior_or_finishing_steps
             fine, again = jnp.where(whole, finite, fine), again & ~whole
-        return copy_with(own, search=search), own.search.length, fine, again
+        return fine, again
 
-    def _energy_slope(self, state, tried):
+    def energy_slope(self, state: NewtonState, tried: Evaluation) -> Float[Array, ""]:
         """Return the derivative of the energy at the point `tried` along the step, J.
 
         Axial forces beyond the cut-off of `PredictedForces` are left out.
         """
-        slope, predicted = tried.residual @ state.step, state.strategy.predicted
+        slope, predicted = super().energy_slope(state, tried), state.strategy.predicted
         if predicted is None:
             return slope
         chords, row_step = tried.elements[1], self.system.space.prolong(tried.x, state.step)
