@@ -16,7 +16,7 @@ from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.net_doubts import pluralize
 from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
-from ..files.reading import FileError, number, parse_integer, read_json
+from ..files.reading import FileError, parse_integer, parse_number, read_json
 from ..files.scene import FORMAT
 from ..model.plausibility import lengths_over_nodes
 from ..model.result_parts import active_nodes, named_groups_of
@@ -198,11 +198,11 @@ def reader_of_numbers(units: Units | None, unit: str) -> Callable[[str], float]:
 
     `unit` is the SI unit of the number.
     """
-    return number if units is None else lambda word: units.to_si(number(word), unit)
+    return parse_number if units is None else lambda word: units.to_si(parse_number(word), unit)
 
 
 def parse_numbers(
-    words: Sequence[str], name: str, read: Callable[[str], Any] = number
+    words: Sequence[str], name: str, read: Callable[[str], Any] = parse_number
 ) -> float | dict[str, float]:
     """Parse numbers of an option: one for all groups, or ``group=number`` for some of them.
 
@@ -228,7 +228,7 @@ def parse_group_values(
     structure: Structure,
     name: str,
     drawn: Sequence[Any] | None = None,
-    read: Callable[[str], float] = number,
+    read: Callable[[str], float] = parse_number,
 ) -> float | PyTree[Any]:
     """Parse numbers of an option: one for all elements, or ``group=number`` for groups.
 

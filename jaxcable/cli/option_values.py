@@ -6,12 +6,12 @@ import argparse
 import contextlib
 from collections.abc import Callable
 
-from ..files.reading import number, parse_integer
+from ..files.reading import parse_integer, parse_number
 
 
 def parse_positive(word: str) -> float:
     """Return a word as a positive number; raise argparse's error for any other."""
-    return _parse_within(word, number, lambda v: 0 < v < float("inf"), "a positive number")
+    return _parse_within(word, parse_number, lambda v: 0 < v < float("inf"), "a positive number")
 
 
 def whole_number_up_to(most: int) -> Callable[[str], int]:

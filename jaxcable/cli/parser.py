@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import linear
-from ..files.reading import number
+from ..files.reading import parse_number
 from . import (
     convert,
     demo,
@@ -155,6 +155,6 @@ def _add_options(command, name, words):
 
 def _value_parser(words):
     """Return the function that parses what `words` name, such as "a whole number from 0 to 20"."""
-    known = {"a number": number, "a positive number": parse_positive}
+    known = {"a number": parse_number, "a positive number": parse_positive}
     whole = words.removeprefix("a whole number from 0 to ")
     return known.get(words) or whole_number_up_to(int(whole))

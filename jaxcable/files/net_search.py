@@ -66,7 +66,10 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
 
 
 def _count_foreign_type(data, table):
-    """Count the type that a file states, ``package/Class``, if its package is not of compas."""
+    """Add the type of a file, ``package/Class``, to the table of omissions if it is not of compas.
+
+    `data` are those of the whole file.
+    """
     kind = data.get("dtype") or data.get("datatype")
     if not isinstance(kind, str) or "/" not in kind:
         return
@@ -85,7 +88,7 @@ def _is_net(data: Any) -> bool:
 
 
 def _search_nets(data: Any, key_path: list[Any]) -> Iterator[tuple[list[Any], Any]]:
-    """Generate the nets (`_is_net`) in nested data as pairs: the keys that lead to it, its object.
+    """Generate the nets (see `_is_net`) in nested JSON data: pairs (keys that lead to one, object).
 
     `key_path` has the keys that lead to `data` itself. Nets inside of a net are left out, as are
     those below `_DEEPEST` levels.
@@ -112,7 +115,10 @@ def _format_key_path(key_path: list[Any]) -> str:
 
 
 def _count_other_contents(data: Any, key_path: list[Any], table: Omissions) -> None:
-    """Count in `table` what lies beside the net at the keys `key_path`, apart from other nets."""
+    """Add to the omissions `table` what lies in a file beside its net, apart from other nets.
+
+    `data` are those of the whole file, and `key_path` has the keys that lead to the net.
+    """
     for depth, key in enumerate(key_path):
         for other, value in _keys_and_values(data):
             if other == key or other in _WRAPPING or not value or any(_search_nets(value, [])):

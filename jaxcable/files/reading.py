@@ -31,8 +31,8 @@ class FileError(ValueError):
     """
 
 
-def number(word: str) -> float:
-    """Parse a number as `float` does, but raise ValueError for underscores and non-ASCII."""
+def parse_number(word: str) -> float:
+    """Return the float in a text, as `float` does, but ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is not a number")
     try:
@@ -42,7 +42,7 @@ def number(word: str) -> float:
 
 
 def parse_integer(word: str) -> int:
-    """Parse a whole number as `int` does, but raise ValueError for underscores and non-ASCII."""
+    """Return the integer in a text, as `int` does, but ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)

@@ -149,17 +149,17 @@ def _write_unstructured_grid(stream, structure, points, vectors, scalars, units)
 
 
 def _array_name(column, units):
-    """Return the name of the array of a `ResultColumn`, with its unit if `units` is not None."""
+    """Return the name of the array of a `ResultColumn`, with its unit unless `units` is None."""
     unit = "" if units is None or column.unit in ("", "-") else f"_({units.shown(column.unit)})"
     return (column.label + unit).replace(" ", "_")
 
 
 def _collect_cells(groups):
-    """Return the cells that draw the elements: lines first, then faces.
+    """Return the VTK cells of all elements: lines first, then faces.
 
     Returns:
-        Node numbers of each cell, a list; the element of each, counted through all groups, and the
-        index of its group, [n_cell].
+        Node numbers of each cell, a list of lists; the index of its element, counted through all
+        groups, and the index of its group, [n_cell] each.
     """
     ends, element, owner = straight_pieces(groups)
     corners, of_face, group = element_faces(groups)
