@@ -44,7 +44,7 @@ def summarize(obj: Any) -> str:
 
 
 def _fields_to_show(obj):
-    """Return the names of the fields of an object that are shown, with their units, as a dict."""
+    """Return {name: unit} of the fields of an object that its summary shows; "" for no unit."""
     chosen = getattr(type(obj), "_shown", None)
     if chosen is None:
         return dict.fromkeys(type(obj)._all_fields, "")

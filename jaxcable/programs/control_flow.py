@@ -56,7 +56,7 @@ def _end_carry(body, carried, changing, results):
 def _scan(block, equation, inputs):
     given = equation.params
     jaxpr, constants = inner_jaxpr(given["jaxpr"])
-    n_const, n_carry = internals.counts_of_scan(given)
+    n_const, n_carry = internals.scan_operand_counts(given)
     length, first = given["length"], n_const + n_carry
     shared, initial, xs = inputs[:n_const], inputs[n_const:first], inputs[first:]
     stacked = [x.aval for x in equation.outvars[n_carry:]]

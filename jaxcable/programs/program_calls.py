@@ -19,7 +19,7 @@ from ..common import jax_internals as internals
 from ..common.compilation import (
     is_debugging,
     program_settings,
-    traces_known_by,
+    trace_cache_context,
     without_garbage_collection,
 )
 from ..common.fusion import are_loops_fused
@@ -58,7 +58,7 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
             return function(*tree.unflatten(leaves), **options)
 
         code = own_code(tree)
-        with traces_known_by(code):
+        with trace_cache_context(code):
             if not alone and value is None:
                 with without_garbage_collection():
                     return plain(*arguments, **options)
@@ -132,7 +132,7 @@ class _Linearization:
 
 def _call_jvp(primals, tangents, *, program, **_):
     """Forward derivative: results and their changes, by a program each."""
-    moving = internals.moving_arguments(primals, tangents)
+    moving = internals.differentiated_arguments(primals, tangents)
     if not moving:
         found = _CALL.bind(*primals, program=program)
         return found, [internals.zero_tangent(x) for x in found]
@@ -154,7 +154,7 @@ def _known_jvp(primals, tangents, *, program):
     """
     found = _KNOWN.bind(*primals, program=program)
     count = len(program.arguments)
-    moving = internals.moving_arguments(primals[:count], tangents[:count])
+    moving = internals.differentiated_arguments(primals[:count], tangents[:count])
     if not moving:
         return found, [internals.zero_tangent(x) for x in found]
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common import digest
 from ..common import jax_internals as internals
-from ..common.compilation import traces_known_by, without_garbage_collection
+from ..common.compilation import trace_cache_context, without_garbage_collection
 from ..common.tree import pytree
 from ..common.types import Array, PyTree
 from .program_calls import as_program
@@ -104,7 +104,7 @@ def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
         traced, result = jax.make_jaxpr(own, return_shape=True)(*shapes)
         # what a user decorates with `jax.jit`, or gives to `jax.lax.scan`, jax traces once
         if not all(path.startswith(_JAX) for *_, path in _functions_within(traced.jaxpr)):
-            with traces_known_by(object()):
+            with trace_cache_context(object()):
                 traced, result = jax.make_jaxpr(own, return_shape=True)(*shapes)
     _own_constants(traced)
     captured: Any = [x if isinstance(x, jax.Array) else np.asarray(x) for x in traced.consts]
