@@ -112,12 +112,12 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
 
 
 def _as_float(value):
-    """Return a number as a floating-point number, which a table prints by its unit, or None."""
+    """Return a number as a float, which a table prints by its unit; None stays."""
     return None if value is None else float(value)
 
 
 def _acting_conditions(action):
-    """Return with what an action does or does not act, in words, or None."""
+    """Return in words with which others an `Action` acts or does not act; None for any."""
     words = [f"never with others of {action.exclusive!r}"] if action.exclusive else []
     words += [f"only with {name}" for name in action.needs]
     words += [f"never with {name}" for name in action.excludes]
@@ -128,9 +128,10 @@ def _acting_conditions(action):
 def combination_sentences(
     combinations: Combinations, failed: Mapping[str, int], unstable: Collection[str]
 ) -> list[str]:
-    """Return sentences on how many combinations there are, which are unstable, and what is mixed.
+    """Return sentences on the number of combinations, and which are unstable, a list.
 
-    Arguments as of `combination_table`.
+    If there are several limit states, a sentence says that envelopes mix them. Arguments as of
+    `combination_table`.
     """
     count = len(combinations)
     lines = [f"{count} combinations of actions, {count - len(failed)} converged"]

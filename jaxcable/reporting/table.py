@@ -125,13 +125,13 @@ def make_table(title: str, columns: Sequence[Column], notes: Sequence[str] = ())
 
 
 def _cell_values(values):
-    """Return the values of a column as a list, with None for NaN."""
+    """Return the values of a column, an array or a list, as a list with None for NaN."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 def _units_of_row(table, row):
-    """Return the unit of each cell of a row; a column may name that of the row."""
+    """Return the unit of each cell of a row; a column "unit" may state that of the row."""
     if "unit" not in table.columns:
         return table.units
     own = str(row[table.columns.index("unit")])
@@ -139,7 +139,7 @@ def _units_of_row(table, row):
 
 
 def _convert_numbers(table: Table, convert: Callable[[float, str], float]) -> Table:
-    """Return a table with the numbers that `convert` makes of its numbers and their units."""
+    """Return a table with ``convert(value, unit)`` in place of each float."""
     rows = [
         [
             convert(value, unit) if isinstance(value, float) else value
@@ -180,7 +180,7 @@ def tables_without_noise(tables: Mapping[str, Table]) -> dict[str, Table]:
 
 
 def _sizes_by_unit(table):
-    """Return the largest size of the finite numbers of each unit of a table, a dict; no ratios."""
+    """Return the largest magnitude of the finite floats of a table by unit; not of ratios."""
     sizes: dict[str, float] = {}
     for row in table.rows:
         for unit, value in zip(_units_of_row(table, row), row, strict=True):
@@ -282,13 +282,13 @@ def _governing_size(table, row):
 
 
 def _cell_text(value, factor, unit, largest, is_large):
-    """Return the text of a cell.
+    """Return the text of a cell, with the decimals of its unit.
 
     Args:
         value: number, text, or None for an empty cell.
         factor: factor from the number to the unit of the text.
         unit: unit of the text.
-        largest: size of the largest number of its unit in the table, in the unit of the text.
+        largest: magnitude of the largest number of its unit in the table, in the unit of the text.
         is_large: whether a number of the column is `_MANY` or more: all have one decimal then.
     """
     if value is None:
