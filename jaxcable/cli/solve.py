@@ -134,7 +134,10 @@ def _write_files(options, structure, solution, findings, cases, combinations):
 
 
 def _pictures_for_report(path, structure, solution, findings, cases, combinations):
-    """Return the pictures of a report by their captions, of a format that shows them."""
+    """Return the pictures of a report by their captions; None for formats without pictures.
+
+    `path` is that of the report, `findings` the `Report`; `cases` and `combinations` may be None.
+    """
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
     from .. import plots  # slow to import: matplotlib
@@ -151,7 +154,7 @@ def _choose_method(options):
 
 
 def _summary_without_cause(summary, solution):
-    """Return the summary of a failed analysis without the cause, which stderr gets later."""
+    """Return the summary of a report; of a failed analysis without the cause, which stderr gets."""
     code = int(solution.status)
     if code == status.OK:
         return summary

@@ -116,7 +116,10 @@ def _draw_fit_trials(record, n, upper, lower):
 
 
 def _draw_line_with_dots(axes, number, values, label):
-    """Draw a line with dots through finite values; logarithmic if their range is wide."""
+    """Draw a line with dots through finite values; on a logarithmic axis if their range is wide.
+
+    `number` are the abscissas, and `label` is the text for the legend, None for none.
+    """
     real = np.isfinite(values)
     values, number = values[real], number[real]
     look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}

@@ -99,13 +99,16 @@ def model(
 
 
 def _line_look(number):
-    """Return color and line style of a group by its number, a dict."""
+    """Return color and line style of the group with index `number`, as arguments for matplotlib."""
     style = STYLES[number // len(SERIES) % len(STYLES)]
     return {"color": SERIES[number % len(SERIES)], "linestyle": style}
 
 
 def _write_numbers(axes, stage):
-    """Write numbers of nodes and elements that do not cover each other; return how many others."""
+    """Write numbers of nodes and elements; return how many are left out.
+
+    Left out is a number that would cover one written before. `stage` is the `UndeformedStructure`.
+    """
     texts, places, colors, shifts = [], [], [], []
     for k, position in enumerate(stage.nodes):
         texts.append(str(k))
@@ -130,7 +133,7 @@ def _write_numbers(axes, stage):
 def _positions_in_picture(
     axes: Any, view: Any, positions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return where positions, m, are in the plane of a picture, in the data units of its axes."""
+    """Return positions, given in m, in the plane of a picture, in data units of its axes."""
     seen = view.project(positions)
     if view.flat:
         return seen
@@ -138,9 +141,13 @@ def _positions_in_picture(
 
 
 def _fitting_texts(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
-    """Return which texts are written: the first ones that cover no earlier one.
+    """Return which texts can be written without covering an earlier one of these, [n] bool.
 
-    They are `shifts` points from where they belong, `at`, in the data units of the axes.
+    Args:
+        axes: axes of the picture.
+        at: points that the texts belong to, [n, 2], in the data units of the axes.
+        texts: list of texts.
+        shifts: distances of the texts from there, [n, 2], in points.
     """
     points = axes.transData.transform(at) * 72 / axes.figure.dpi + shifts
     half = 0.5 * SIZE * np.array([[_WIDE * len(text), _HIGH] for text in texts])

@@ -191,7 +191,7 @@ class ForceArrows:
                 parts = *tails[which].T, *vectors[which].T
                 axes.quiver(*parts, color=self.color, zorder=order, **look)
 
-    def legend(self) -> list[Line2D]:
+    def legend_entries(self) -> list[Line2D]:
         """Return the legend entry with the size of the largest force; [] without arrows."""
         if not len(self.tails):
             return []
@@ -217,9 +217,12 @@ def _arrow_scale(forces, view, points, extent):
 
 
 def _largest_forces_in_cells(positions, size, node):
-    """Return the nodes with the largest force in each cell of a grid, at most 250.
+    """Return the nodes with the largest force in each cell of a grid, at most 250, sorted.
 
-    `positions` and `size` (of the force, N) are those of all nodes; `node` are nodes with a force.
+    Args:
+        positions: of all nodes, [n_node, 3], m.
+        size: magnitude of the force on each node, [n_node], N.
+        node: indices of nodes with a force.
     """
     place = positions[node] - positions.min(axis=0)
     node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
