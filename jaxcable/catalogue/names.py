@@ -14,7 +14,7 @@ _EQUAL_LEGS = re.compile(r"(l|shs|rhs)([\d.]+)x\2x([\d.]+)")
 
 
 def plain_name(name: str) -> str:
-    """Return a name without what may be written in several ways.
+    """Return the normalized name of a profile or cable, by which spellings are compared.
 
     Spaces, hyphens and capitals do not count; the sign of multiplication is x, and a decimal comma
     a point. ``HE 200 A`` is the same as ``HEA 200``, and ``L 100x100x10`` as ``L 100x10``.

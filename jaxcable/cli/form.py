@@ -307,9 +307,9 @@ def _names_after_form(scene, later):
 
 
 def _parse_lengths(words, structure, units):
-    """Return the lengths that ``--length`` gives in `units`, m, in the shape of the elements.
+    """Return the lengths that ``--length`` gives, m, in the shape of the elements; None without.
 
-    None if it gives none.
+    `words` are those behind the option, with numbers in `units`.
     """
     if words is None:
         return None

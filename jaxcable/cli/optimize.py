@@ -154,7 +154,10 @@ def _solve_with_cases(options, structure, phases, combined):
 
 
 def _describe_forces(ends, units):
-    """Return a line on the axial forces of all cases, each a `Solution` by its name in words."""
+    """Return a line on the axial forces of all cases, with their range in `units`.
+
+    `ends` has the `Solution` of each case by its name in words.
+    """
     of = "final axial forces" if "" in ends else f"axial forces over {len(ends)} combinations"
     return f"{of} {range_text([end.peak_tension for end in ends.values()], 'N', units)}"
 
@@ -199,9 +202,10 @@ def _require_target_or_limits(options):
 
 
 def _find_prestress(options, phases):
-    """Return the index of the phase to optimize, and what it states: the name of its field.
+    """Return the index of the phase to optimize, and "pretension" or "force_density".
 
-    It is the first with a pretension, or else the first with force densities.
+    It is the first phase with a pretension, or else the first with force densities; BadInput
+    without any.
     """
     for name in ("pretension", "force_density"):
         for number, phase in enumerate(phases):

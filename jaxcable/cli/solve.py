@@ -107,7 +107,10 @@ def run(options: Namespace) -> int | None:
 
 
 def _write_files(options, structure, solution, findings, cases, combinations):
-    """Write report, results and picture to the files that options name; return their paths."""
+    """Write report, results and picture to the files that options name; return their paths.
+
+    `findings` is the `Report`; `cases` and `combinations` are None without combinations.
+    """
     wrote = []
     for path in options.report:
         if path == "-":

@@ -280,9 +280,10 @@ def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str
 
 
 def import_library(name: str, what: str, extra: str) -> ModuleType:
-    """Import and return a library; ValueError, which says what needs it, if it is missing.
+    """Import and return a library; raise ValueError if it is not installed.
 
-    `extra` is the extra of this package that installs it.
+    `what` says what needs it, and `extra` is the extra of this package that installs it; the
+    message has both.
     """
     try:
         return importlib.import_module(name)

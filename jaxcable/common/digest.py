@@ -35,7 +35,7 @@ _WRAPPED = "__wrapped__", "__func__", "__self__", "fget", "fset", "func"
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
-    """Return a digest of what a function computes for such arguments, a text of 32 characters.
+    """Return a digest, 32 characters, of the program that jax traces of a function.
 
     It covers the function's jaxpr and the constants in it, so that a change of either changes the
     digest. NumPy functions that the program calls on the host count as in `of_host_function`.
@@ -164,7 +164,7 @@ class _ObjectDescriber:
         return type(value).__name__, [self.describe(part) for part in _definition_parts(value)]
 
     def _describe_collection(self, value):
-        """Return the words for a list, or those of a dictionary or set in sorted order."""
+        """Return words that describe a list, or a dict or set in sorted order."""
         if isinstance(value, list):
             return type(value).__name__, [self.describe(part) for part in value]
         if isinstance(value, dict):

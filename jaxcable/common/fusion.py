@@ -81,7 +81,7 @@ def usable_cores() -> int:
 
 
 def _reason_against_fusion():
-    """Return why XLA cannot be told now to fuse loops, as a text; None if it can."""
+    """Return in words why XLA's loops cannot be fused any more or at all; None if they can."""
     if fusion_flag(_BYTES) is None:
         first, end = (".".join(map(str, version)) for version in TESTED)
         return (

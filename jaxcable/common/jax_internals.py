@@ -354,7 +354,7 @@ xla_flags_in_effect()  # it may have started before this package
 
 
 def held_weakly(cls: type[_T]) -> type[_T]:
-    """Have jax's records of operations hold parameters of a class weakly (a decorator).
+    """Let jax's caches hold parameters of this class by weak references (a class decorator).
 
     jax records the shapes of results of its last 2048 operations, with their parameters. A program
     among these, and a user's function in it, would not be given back.

@@ -73,7 +73,7 @@ def _fold_lines(head, parts):
 
 
 def _describe_status(code):
-    """Return a status code in words; for a batch, how many converged and the first failure."""
+    """Return the text of a status code; for a batch the number converged and the first failure."""
     if isinstance(code, jax.core.Tracer):
         return "traced"
     codes = np.asarray(code)

@@ -112,7 +112,7 @@ MOST_LEVELS = 32
 
 
 def encode(value: Any, where: str, implied: type | None = None) -> Any:
-    """Turn an object, a container, an array or a number into plain data for JSON.
+    """Return plain data for JSON that stand for an object, a container, an array or a number.
 
     Args:
         value: object, container, array or number.
@@ -203,7 +203,7 @@ def _collapse_equal_values(values):
 
 
 def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
-    """Turn plain data back into the object that `encode` has written.
+    """Return the object, container or numbers that plain data from `encode` stand for.
 
     Args:
         data: plain data, as from JSON.

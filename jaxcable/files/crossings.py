@@ -233,7 +233,10 @@ def _unique_pairs(first, second, count):
 
 
 def _cross_product_in_plan(a, b):
-    """Return the z component of the cross products of vectors in plan, [n, 2] each, as [n]."""
+    """Return the z components of cross products of vectors; both arguments are [n, 2 or 3].
+
+    The result is [n].
+    """
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 

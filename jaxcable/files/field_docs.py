@@ -31,10 +31,10 @@ def class_summary(cls: type) -> str:
 
 
 def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
-    """Return what the docstring of a class says about each field: a dict from field to one line.
+    """Return the description of each field in the docstring of a class, one line by field.
 
     Fields are entries of "Args" or "Attributes", or items of a list with their name in front. An
-    entry like "as of `Bars`" is replaced by what the docstring of that class says.
+    entry like "as of `Bars`" is replaced by the description in the docstring of that class.
 
     Args:
         cls: the class.

@@ -93,7 +93,7 @@ def describe_likely_mistakes(
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
 ) -> list[str]:
-    """Return a text for each kind of likely mistake in a net, which says what to do: a list.
+    """Return a text for each kind of likely mistake in a net, with what to do about it, a list.
 
     The kinds are nodes very close to each other, links that cross without a node, and ends that
     almost touch a link.

@@ -115,7 +115,7 @@ def _format_key_path(key_path: list[Any]) -> str:
 
 
 def _count_other_contents(data: Any, key_path: list[Any], table: Omissions) -> None:
-    """Add to the omissions `table` what lies in a file beside its net, apart from other nets.
+    """Add contents of a file beside its net, apart from other nets, to the table of omissions.
 
     `data` are those of the whole file, and `key_path` has the keys that lead to the net.
     """

@@ -222,9 +222,10 @@ def _edge_kinds_and_groups(edges, densities, table):
 
 
 def _face_loads(data, faces, table):
-    """Return the loads of faces per area, [n_face, 3], N/m2; count attributes that are not read.
+    """Return the loads of faces per area, [n_face, 3], N/m2, in the order of `faces`.
 
-    `faces` has the node numbers around each face by its name.
+    `data` are those of the mesh, and `faces` has the node numbers around each face by its name.
+    Attributes that are not read are added to `table`, the omissions.
     """
     defaults = _default_attributes(data, "face", "dfa")
     given = _optional_object(data, "facedata", "")

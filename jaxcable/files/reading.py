@@ -121,7 +121,10 @@ _JSON_FAULTS = {
 
 
 def _describe_json_error(text, error):
-    """Return line and column at which a text is not valid JSON, and what is wrong, in words."""
+    """Return the message on text that is not valid JSON: line, column, and what to mend.
+
+    `error` is the JSONDecodeError of Python.
+    """
     before, after = text[: error.pos].rstrip(), text[error.pos :].lstrip()[:1]
     where = f"line {error.lineno}, column {error.colno}: not valid JSON: "
     if before.endswith(",") and after and after in "}]":

@@ -310,8 +310,7 @@ def _check_combinations(rules, actions):
 def _decode_checks(data, structure, convert):
     """Return the checks in the data of a file, a list of `Check` and of names of standards.
 
-    `convert` makes numbers SI, as in `_decode_parts`. Raise ValueError for checks that the
-    structure does not take.
+    `convert` is as of `_decode_parts`. Raise ValueError for checks that do not fit the structure.
     """
     checks = []
     for k, own in enumerate(data if isinstance(data, list) else [data]):
@@ -323,8 +322,8 @@ def _decode_checks(data, structure, convert):
 def _decode_actions(data, structure, phases, convert):
     """Return the actions in the data of a file, a list of `Action`; [] for None.
 
-    `convert` makes numbers SI, as in `_decode_parts`. Raise ValueError for an action that cannot
-    follow the phases.
+    `convert` is as of `_decode_parts`. Raise ValueError for an action that cannot follow the
+    phases.
     """
     if data is None:
         return []
@@ -363,9 +362,9 @@ def _require_analysable(structure, phases):
 
 
 def _require_analysable_after(action, where, structure, phases):
-    """Raise ValueError if an action cannot be analysed as one more phase after the given ones.
+    """Raise ValueError, which begins with `where`, for an action that cannot follow the phases.
 
-    The message begins with `where`, the place of the action in the file.
+    It is analysed as one more phase after them.
     """
     names = ("loads", "temperature", "shortening", "removes")
     after = [*phases, Phase(**{name: getattr(action, name) for name in names})]
@@ -386,7 +385,7 @@ _PARTS = (
 
 
 def _describe_unexpected(data, name, expected):
-    """Return the message on the field `name` of a file that is missing, null or of a wrong kind."""
+    """Return the message on the field `name` of `data` that is missing, null or of a wrong kind."""
     if name not in data:
         return f"{name}: missing; expected {expected}"
     if data[name] is None:

@@ -88,9 +88,10 @@ def save_vtk(
 
 
 def _write_increments(path, structure, solution, open_file, units):
-    """Write one file, opened by `open_file`, for each converged increment; return their paths.
+    """Write one VTK file for each converged increment of all phases; return their paths.
 
-    Numbers are in `units`, None for SI.
+    `path` names the series, `open_file` is the function that `atomic_write_together` yields, and
+    numbers are in `units`, None for SI.
     """
     done, nodes = [], np.asarray(solution.last.positions - solution.last.displacement)
     for phase in solution.phases:

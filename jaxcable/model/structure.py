@@ -220,7 +220,7 @@ class Structure:
         return nodes_with_elements(self.groups, self.n_node)
 
     def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Return which nodes rotate with a beam: one of its ends has no hinge there, [n_node]."""
+        """Return which nodes a beam end is joined to rigidly (without a hinge), [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:

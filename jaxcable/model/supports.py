@@ -175,7 +175,10 @@ class Supports:
         return fixed
 
     def _fixed_along_axes(self, n_node):
-        """Return what `mask`, `nodes`, `clamps` hold along and about x, y, z, [n_node, 6] bool."""
+        """Return degrees of freedom along and about x, y, z that are held, [n_node, 6] bool.
+
+        They are those of `mask`, `nodes` and `clamps`; `chosen` nodes are left out.
+        """
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:

@@ -16,7 +16,7 @@ from .supports import FixedDofs
 
 
 class GroupTopology(NamedTuple):
-    """Topology of one element group: what of it is not a number that can be traced.
+    """Topology of one element group: its class, links, results and other static data.
 
     Attributes:
         name: key in the elements as text.

@@ -158,7 +158,7 @@ class SolutionCurves:
         )
 
     def state_after_phase(self, phase: int) -> State:
-        """Return the `State` at the end of a phase, with what pictures need of it.
+        """Return the `State` at the end of a converged phase, as far as pictures need it.
 
         Results and motions are those of this phase; the rest of its restart state is the last one.
         """

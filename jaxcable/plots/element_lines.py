@@ -205,7 +205,7 @@ def draw_earlier_geometry(
 
 
 def line_width(n: int) -> float:
-    """Return the width, points, of `n` lines in a picture: thinner if there are many."""
+    """Return the line width, in points, for a picture of `n` lines: thinner if there are many."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 

@@ -259,7 +259,10 @@ def _draw_section_force(stage, envelope, of, high):
 
 
 def _beam_ends_and_axes(structure, nodes):
-    """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
+    """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3].
+
+    Axes x, y and z are in rows; `nodes` are positions, [n_node, 3], m.
+    """
     ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
     for bending in structure.groups:
         if not isinstance(bending, Bending):

@@ -69,7 +69,8 @@ def history(
 def _draw_minimize_steps(record, n, upper, lower):
     """Draw the history of a `Design`: loss above, gradient norm below, failed trials marked.
 
-    `record` is the history of `n` steps.
+    `record` is the history of `n` steps; `upper` and `lower` are axes. Raise ValueError without a
+    finite loss.
     """
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]

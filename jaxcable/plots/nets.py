@@ -171,7 +171,7 @@ def net(
 
 
 class StagePicture(NamedTuple):
-    """A picture of a structure: what it shows.
+    """A picture of a structure: its title, and the two instants that it shows.
 
     Attributes:
         title: title of the picture.

@@ -65,7 +65,7 @@ def supported_nodes(
     present: Bool[np.ndarray, " n_elem"],
     fixed: Bool[np.ndarray, "n_node n_freedom"],
 ) -> tuple[Bool[np.ndarray, "n_node n_freedom"], Bool[np.ndarray, " n_node"]]:
-    """Return what supports hold at nodes with active elements, and which nodes are on springs.
+    """Return supported degrees of freedom of nodes with active elements, and nodes on springs.
 
     Args:
         parts: element groups, or the parts of a `Topology`.
@@ -311,5 +311,5 @@ def section_axis_legend() -> list[Line2D]:
 
 
 def mark_size(n: int) -> float:
-    """Return the size of marks in a picture of `n` nodes, points: smaller if there are many."""
+    """Return the size of marks, in points, for a picture of `n` nodes: smaller if they are many."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

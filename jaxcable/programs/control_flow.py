@@ -25,12 +25,12 @@ def _begin_carry(block, body, inner, initial, following):
 
     Args:
         block, body: block with the loop, and the loop's body.
-        inner: variables of the jaxpr for the values at the beginning of a turn.
-        initial: values before the first turn.
-        following: variables of the jaxpr for the values at the end of a turn.
+        inner: variables of the jaxpr for the values at the beginning of an iteration.
+        initial: values before the first iteration.
+        following: variables of the jaxpr for the values at its end.
 
     Returns:
-        Values in the body, and those among them that change from turn to turn, two lists.
+        Values in the body, and those among them that change from iteration to iteration, two lists.
     """
     carried, changing = [], []
     for x, value, then in zip(inner, initial, following, strict=True):
@@ -45,12 +45,12 @@ def _begin_carry(block, body, inner, initial, following):
 
 
 def _end_carry(body, carried, changing, results):
-    """Write the end of a turn of a loop: carried variables get their values of the next turn.
+    """Write the end of a loop's body: carried variables get the values for the next iteration.
 
     Args:
         body: body of the loop.
         carried, changing: results of `_begin_carry`.
-        results: values of the carried variables at the end of the turn.
+        results: values of the carried variables at the end of the body.
     """
     names = {x.name for x in changing}
     pairs = [

@@ -173,7 +173,7 @@ class MappedProgram(Program):
 
     @property
     def tree(self) -> Any:
-        """Tree of what the function returns."""
+        """Structure of the pytree that the function returns, as of one case."""
         return self._base.tree
 
     @property

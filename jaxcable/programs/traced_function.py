@@ -89,7 +89,7 @@ def _as_key(x, variable):
 
 
 def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]) -> TracedFunction:
-    """Trace a function for arguments of these shapes, whatever has been traced of it before.
+    """Trace a function anew for arguments of these shapes, whatever jax has traced of it before.
 
     Args:
         function: of pytrees of arrays, to a pytree of arrays.

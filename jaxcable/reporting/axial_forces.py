@@ -84,9 +84,9 @@ def _utilizations(structure, result, kept):
 
 
 def _strength_notes(structure, kept, rated, forces):
-    """Return the notes on force / strength, a list: how it is defined, and what it leaves out.
+    """Return the notes on force / strength, a list: its definition, and limits of its use.
 
-    It leaves out buckling, if elements with a strength are compressed, and bending, if the
+    It does not cover buckling, if elements with a strength are compressed, and bending, if the
     structure has beams. Without any strength a single note says so.
 
     Args:

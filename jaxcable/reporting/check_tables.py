@@ -14,9 +14,9 @@ _LONGEST = 60  # characters of a check in the name of its table, which is a part
 
 
 def check_tables(checks: Checks) -> dict[str, Table]:
-    """Return the table ``checks``, the most utilized first, and one of the items of each check.
+    """Return the table ``checks``, the largest utilization first, and one table for each check.
 
-    The name of that is ``check_`` and the name of the check, with underscores.
+    The name of the latter is that of `table_name`; it has the items of the check.
     """
     found = {"checks": _overview_table(checks)}
     for one in checks.results:
@@ -25,7 +25,11 @@ def check_tables(checks: Checks) -> dict[str, Table]:
 
 
 def table_name(check: str, taken: Collection[str] = ()) -> str:
-    """Return the name of the table of a check; with underscores behind it if it is `taken`."""
+    """Return the name of the table of a check: ``check_`` and its name in lower case.
+
+    Other characters than letters and digits become underscores; underscores follow a name that is
+    `taken`.
+    """
     plain = "".join(c if c.isalnum() else "_" for c in check.lower()).strip("_")
     name = f"check_{plain[:_LONGEST].rstrip('_') or 'own'}"
     while name in taken:

@@ -27,7 +27,9 @@ def combination_table(
     tables: Iterable[Table],
     reactions: Mapping[str, Float[np.ndarray, " 3"]],
 ) -> Table:
-    """Return the table of combinations; if it is long, its text shows those that govern most.
+    """Return the table of combinations: actions, status, sums of reactions, and clause.
+
+    Its text shows those that other tables name most often, if it is long.
 
     Args:
         combinations: `Combinations`, in the order of the cases.
@@ -73,7 +75,7 @@ def combination_table(
 
 
 def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
-    """Return the table of the actions that are combined: name, kind, and what acts, in a line.
+    """Return the table of the actions that are combined: kind, loads in words, their sums, factors.
 
     `of` is the analysis of the phases, whose elements are active.
     """
@@ -117,7 +119,7 @@ def _as_float(value):
 
 
 def _acting_conditions(action):
-    """Return in words with which others an `Action` acts or does not act; None for any."""
+    """Return in words with which other actions an `Action` may or may not act; None for any."""
     words = [f"never with others of {action.exclusive!r}"] if action.exclusive else []
     words += [f"only with {name}" for name in action.needs]
     words += [f"never with {name}" for name in action.excludes]

@@ -32,20 +32,20 @@ _MOST_LISTED = 8  # numbers of elements in a text
 def describe_actions(
     actions: Sequence[Action], structure: Structure, units: Units | None
 ) -> list[str]:
-    """Return what acts by each action: its loads and changes, in `units`, or SI if that is None.
+    """Return the loads and changes of each action in words, a list of texts.
 
-    Long texts of loads, such as those of wind from several directions, are there once: other
-    actions refer to the first one that has them.
+    Numbers are in `units`, None for SI. Long texts of loads, such as those of wind from several
+    directions, are there once: other actions refer to the first one that has them.
     """
     first: dict[str, str] = {}
     return [_describe_action(action, structure, units, first) for action in actions]
 
 
 def _describe_action(action, structure, units, first):
-    """Return in words what acts by an action.
+    """Return the loads and changes of an action in words.
 
     `first` is a dict from long texts to the name of the first action that has them; it is completed
-    here, and a later action refers to this name.
+    here, and a later action refers to this name. Numbers are in `units`, None for SI.
     """
     parts = []
     for load in as_list(action.loads):

@@ -78,7 +78,7 @@ def _node_table(structure: Structure, change: bool) -> Table:
 
 
 def _support_texts(supports: Supports, count: int) -> list[str | None]:
-    """Return what supports hold at each of `count` nodes, "x y z", or None; in words if skew."""
+    """Return the text of the support at each of `count` nodes, such as "x y z", or None."""
     held, axes = supports.fixed(count), supports.directions(count)
     return [_support_text(*of_node) for of_node in zip(held, axes, strict=True)]
 
@@ -151,7 +151,7 @@ def _number_or_nan(thing, name):
 
 
 def _further_properties(group, units):
-    """Return in words what else elements of a group have: fibres, laws, springs; None if nothing.
+    """Return further properties of a group in words: fibres, laws, springs; None without any.
 
     Numbers are in `units`, None for SI.
     """
@@ -173,7 +173,10 @@ def _further_properties(group, units):
 
 
 def _phase_table(structure, phases, names, units):
-    """Return the table of phases: a line for everything that one states, applies or changes."""
+    """Return the table of phases: a row for each statement, load, new supports, and activation.
+
+    `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
+    """
     presence = make_activation(structure, phases, None)
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
@@ -203,7 +206,7 @@ def _phase_table(structure, phases, names, units):
 
 
 def _support_changes(before, after, count):
-    """Return in words what new supports hold at nodes where it differs from before.
+    """Return in words the supports of nodes whose support is replaced by another one.
 
     `before` and `after` are `Supports`, and `count` is the number of nodes.
     """

@@ -55,7 +55,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def end(self) -> EnvelopeState:
-        """The final state with the degrees of freedom that supports fix there."""
+        """The final state, with the degrees of freedom that supports hold in it."""
         last = self.solution.last
         return EnvelopeState(last, last.fixed[int(last.phase) + 1])
 
@@ -77,7 +77,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def name_of_states(self) -> str:
-        """The states of the envelope in words."""
+        """Name of the states of the envelope: "ends of phases" or "cases"."""
         return "ends of phases" if self.cases is None else "cases"
 
     def values(

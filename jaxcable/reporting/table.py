@@ -92,7 +92,10 @@ class Column(NamedTuple):
 def columns_of_rows(
     rows: Sequence[Sequence[Cell]], *heads: str | tuple[str, str] | tuple[str, str, str]
 ) -> list[Column]:
-    """Return the columns of some rows; heads are names, or tuples of name, unit and heading."""
+    """Return the columns of a table given by rows, a list of `Column`.
+
+    `heads` has for each column its name, or a tuple of name and unit, or of name, unit and heading.
+    """
     cells = zip(*rows, strict=True) if rows else [()] * len(heads)
     named = [(head, "") if isinstance(head, str) else head for head in heads]
     return [
@@ -206,12 +209,11 @@ def csv_header(table: Table) -> list[str]:
 
 
 def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales:
-    """Return the unit and the factor with which texts show numbers of a unit: a dict by unit.
+    """Return unit and factor with which texts show numbers of a unit, by unit: {"N": ("kN", 1e-3)}.
 
-    Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
-    and bending stiffnesses likewise in kJ and kN m2; stresses are in MPa. An example is
-    ``{"N": ("kN", 1e-3)}``. Tables in stated `units` keep these, but for stresses, which are in
-    MPa, kip/in2, lbf/in2 or kgf/cm2.
+    Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works and
+    bending stiffnesses likewise in kJ and kN m2; stresses are in MPa. Tables in stated `units` keep
+    these, but for stresses, which are in MPa, kip/in2, lbf/in2 or kgf/cm2.
     """
     if units is not None:
         name, factor = units.stress
@@ -224,7 +226,7 @@ def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales
 
 
 class ShownTable(NamedTuple):
-    """A table as a text or a page shows it: what `show_table` returns.
+    """A table as texts, for a text file or a page: the result of `show_table`.
 
     Attributes:
         title: title in words.
