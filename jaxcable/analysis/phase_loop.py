@@ -157,7 +157,7 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
 
 
 def _zeros_like_result(function):
-    """Return zeros in the shape of the result of ``function()``, which is not computed."""
+    """Return a pytree of zeros in shapes and dtypes of ``function()``, which is not evaluated."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 

@@ -65,5 +65,5 @@ class NewtonState:
     done: Bool[Array, ""]
 
     def with_point(self, **changes: Array) -> NewtonState:
-        """Return a copy with other fields of `point`."""
+        """Return a copy in which `changes`, by name, replace fields of the `Evaluation` `point`."""
         return copy_with(self, point=copy_with(self.point, **changes))

@@ -108,7 +108,7 @@ class StepMethod:
         return self.system.move(state.point.x, state.strategy.search.length * state.step)
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
-        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
+        """Return the `Evaluation` at `x`; if `exact`, with the precision of low-order parts."""
         raise NotImplementedError
 
     def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:

@@ -274,7 +274,7 @@ def start_displacements_by_force_density(
 
     def step(_, x):
         follows = system.followers is not None
-        load = system.load + system.following(x) if follows else system.load
+        load = system.load + system.follower_forces(x) if follows else system.load
         new = solve_positions(system.nodes, densities(x), load, numbering)
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 

@@ -11,8 +11,8 @@ from jax import lax
 from .. import linear
 from ..analysis.element_shapes import (
     StateOrPhase,
-    known_results,
     map_shapes,
+    results_of_state,
     shapes_of_groups,
 )
 from ..common import checks
@@ -118,7 +118,7 @@ def _of_catenaries(structure, state, function):
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
     every = shapes_of_groups(structure, state)
-    tensions = items_per_group(structure, known_results(structure, state).tension)
+    tensions = items_per_group(structure, results_of_state(structure, state).tension)
     return structure.arrange(
         [
             function(*own, tension) if isinstance(group, Sagging) else None

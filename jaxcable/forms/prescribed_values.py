@@ -129,7 +129,7 @@ def _prescribed_forces(structure, values, chosen, prescribed):
             stated = values["tension"][k]
             forces = checks.numpy_or_jax(stated).where(chosen["tension"][k], stated, forces)
         if chosen["stress"][k].any():
-            area = group._axial_section()[2]
+            area = group._stiffness_law_and_area()[2]
             if area is None:
                 raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
             given = chosen["stress"][k], values["stress"][k] * area, forces

@@ -13,8 +13,8 @@ import numpy as np
 from ..analysis.element_shapes import (
     ElementShapes,
     StateOrPhase,
-    known_results,
     map_shapes,
+    results_of_state,
     shapes_of_groups,
     straight_shapes,
 )
@@ -117,7 +117,7 @@ def sags(
                 "chains: expected a dict of node numbers by the name of each chain, such as "
                 f'{{"main": [0, 1, 2]}}, got {type(chains).__name__}'
             )
-        positions = known_results(structure, state).positions
+        positions = results_of_state(structure, state).positions
         every = shapes_of_groups(structure, state)
         return {
             name: _chain_sag(_chain_shapes(structure, positions, every, name, nodes))
@@ -172,7 +172,7 @@ def horizontal_tensions(
         0 22.506 kN
     """
     found: list[Any] = []
-    forces = structure.group_tree.flatten_up_to(known_results(structure, state).tension)
+    forces = structure.group_tree.flatten_up_to(results_of_state(structure, state).tension)
     every = shapes_of_groups(structure, state)
     for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
         if force is None or group.links.shape[1] != 2:

@@ -199,7 +199,7 @@ def _forces_and_energies_at(ramp, small, factor, motion, memory):
     if ramp.moved is not None:
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
-        following = system.space.pad_moments(system.following(system.nodes + motion[:, :3]))
+        following = system.space.pad_moments(system.follower_forces(system.nodes + motion[:, :3]))
     lists = [[], [], [], []]
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:

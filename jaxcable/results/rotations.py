@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..analysis.element_shapes import StateOrPhase, known_results
+from ..analysis.element_shapes import StateOrPhase, results_of_state
 from ..analysis.results import Results
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
@@ -146,7 +146,7 @@ def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
         >>> print(solution.status, found.tilt.shape, found.twist.shape)
         0 (12,) (12, 2)
     """
-    known = known_results(structure, state)
+    known = results_of_state(structure, state)
     present = items_per_group(structure, known.present)
     rotations = [known.rotation if group.rotates else None for group in structure.groups]
     ends = [group.links.array[:, [0, -1]] for group in structure.groups]
@@ -156,7 +156,7 @@ def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
 
 def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_node 4"]:
     """Return the rotations of the nodes in a state; ValueError for a structure without beams."""
-    results: Results = known_results(structure, state)
+    results: Results = results_of_state(structure, state)
     if results.rotation is None:
         raise ValueError("structure: has no beams; its nodes have no rotations")
     return jnp.asarray(results.rotation)

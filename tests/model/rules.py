@@ -583,7 +583,7 @@ OTHERWISE = {
     "design/load_cases.py:_warn_of_unstable_cases": "a warning",
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
-    "stiffness/buckling.py:_must_not_be_slack": "NaN where it is traced",
+    "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
     "stiffness/vibration.py:_masses_of_nodes": "no rule: which library computes",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""
