@@ -223,7 +223,7 @@ class BeamElement(InnerUnknowns):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "12+k 12+k"]:
-        """Return the matrix of a `mass`, kg, spread evenly along the axis, [12 + k, 12 + k], kg.
+        """Return the matrix of a `mass`, kg, uniform along the axis, [12 + k, 12 + k], kg.
 
         The mass matrix "consistent" takes the deflections of `bending` (cubic without load),
         "lumped" has halves at the ends, "mean" is the mean of both. None is "consistent" across the

@@ -135,7 +135,7 @@ class Contacts(CompressionOnly, TwoNodeStraight):
     bearing that presses along a fixed direction on one node see `Bearings`. (A gap that closes in
     tension, a hook, is one of `Cables` with a `rest_length` above the distance of its ends.)
 
-    Reports count open contacts among the slack elements. The energy of pressed elements is not
+    Reports count open contacts among the slack elements. The energy of compressed elements is not
     convex, so that a structure can have several equilibria; they are found as those of `Bars`.
 
     Args:

@@ -48,7 +48,7 @@ class PointTerms:
     Attributes:
         places: of the loads, from 0 to 1, [k].
         forces: along the rotated axes, [k, 3], N.
-        moments: likewise, [k, 3], N m; None without.
+        moments: along the rotated axes, too, [k, 3], N m; None without.
         length: unstressed length, m.
         sag: curvatures of the second Legendre polynomial (`bending.StrainField.sag`), [2], 1/m.
         axial: stiffness EA, N; None if the section is not linear, like the following ones.

@@ -105,7 +105,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return (state.elongation + _total_length_change(ends, motion)) / state.rest_length
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal force of one cable at every node, sliding load included, N."""
+        """Return the internal force of one cable at each node, [n_end, 3], N, with sliding load."""
         piece, length = _moved_segments_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit

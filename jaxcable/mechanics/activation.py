@@ -152,7 +152,8 @@ def _connected_active_rows(groups, new, owner, waiting):
         waiting: which rows have been inactive and become active, [n_row] bool.
 
     Returns:
-        Row numbers, [n_row]; those of `owner` for active rows, and where no chain leads to one.
+        Indices of the active rows, [n_row]; those of `owner` for rows that are active themselves,
+        and where no chain leads to an active one.
     """
     pairs, comes = [], []
     for group, coming in zip(groups, new, strict=True):

@@ -25,7 +25,9 @@ _ROUNDINGS = 8  # bound on the errors of eps^2 displacement in an elongation (`e
 
 @pytree
 class CableTensions:
-    """Tensions and end forces of all cables at a point of the iteration, all groups in one, [n].
+    """Tensions and end forces of all cables at one motion, with their derivatives.
+
+    Arrays of all groups are joined, [n], in the order of the groups.
 
     Attributes:
         tension: tensions, [n], N.
@@ -127,7 +129,8 @@ class SlackUnderTensions:
         sag: length that sags take, [n], m; None if no cable can sag.
         sag_compliance: minus the derivative of `sag` by the tensions, [n], m/N; or None.
         unit_forces: derivatives of the end forces by the tensions, per group [n_elem, n_end, 3].
-        forces: end forces, per group, likewise, N; None where they are tension times `unit_forces`.
+        forces: end forces, per group [n_elem, n_end, 3], N; None for a group where they are tension
+            times `unit_forces`.
     """
 
     tension: Float[Array, " n"]

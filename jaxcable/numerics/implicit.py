@@ -97,8 +97,8 @@ def attach_derivative_with_marks(
         x: the equilibrium, with derivative NaN where it is not defined.
         bare: the equilibrium, with derivative zero where it is not defined.
         marks: `DerivativeMarks`. Results are computed from `bare`, and the marks are added at the
-            end: a NaN in a product would be multiplied by zero in second derivatives and spread
-            everywhere.
+            end: a NaN in a product would be multiplied by zero in second derivatives, and all of
+            them would be NaN.
         results: the results with their derivatives at `bare`.
     """
     x = lax.stop_gradient(x)

@@ -178,8 +178,8 @@ class _Linearization(NamedTuple):
 
     Attributes:
         root: x.
-        leaves: the parameters, of which those with the indices `moving` change.
-        moving: these indices.
+        leaves: the parameters p, arrays.
+        moving: indices of the parameters that have tangents; derivatives by others are not needed.
         equation: function of x and the leaves to a list of residual and outputs.
         solver: pair of functions of x, a right side and the leaves.
     """
@@ -200,9 +200,10 @@ class _Linearization(NamedTuple):
         return cls(root, arrays[:last], moving, equation, solver), arrays[last:]
 
     def function_and_point(self, wanted):
-        """Return a function of root and moving parameters, and their values, a tuple.
+        """Return a function to be differentiated, and the point where: values of its arguments.
 
-        It returns a list of the residual and the outputs with the indices `wanted`.
+        Its arguments are the root and the parameters `moving`; it returns a list of the residual
+        and of the outputs with the indices `wanted`.
         """
 
         def function(x, *some):
@@ -254,8 +255,8 @@ def _multiply_by_transposed_jacobian(equation, force, x, *leaves):
 def _root_tangent(*arrays, shapes, **given):
     """Return the tangents of root and outputs: the value of the primitive `_ROOT_TANGENT`.
 
-    The arguments are root, all parameters, and the tangents of those that are moving; `shapes` are
-    those of the outputs. The root changes by ``-f_x^-1 f_p dp``.
+    The arguments are root, all parameters, and the tangents dp of those with the indices `moving`;
+    `shapes` are those of the outputs. The tangent of the root is ``-f_x^-1 f_p dp``.
     """
     here, changes = _Linearization.split_from_arguments(*arrays, **given)
     function, at = here.function_and_point(range(len(shapes)))
