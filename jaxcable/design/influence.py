@@ -219,7 +219,7 @@ def _prestress_input_values(phase, structure, name):
 
 
 def _replace_in_phase(phases, number, **changes):
-    """Return the list of phases, with fields of phase number `number` replaced by `changes`."""
+    """Return the list of phases with fields of the one of index `number` replaced by `changes`."""
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 

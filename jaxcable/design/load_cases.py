@@ -304,5 +304,9 @@ def utilization(
 
 
 def _ratio_to_limit(xp, force, limit, absolute):
-    """Return forces over their limits, [..., n_elem]; their sizes if `absolute`."""
+    """Return forces over their limits, [..., n_elem], -; with `absolute` their absolute values.
+
+    `xp` is NumPy or jax.numpy; `force` [..., n_elem] and `limit`, a scalar or [n_elem], are in
+    N.
+    """
     return (xp.abs(force) if absolute else force) / xp.broadcast_to(limit, force.shape)

@@ -50,7 +50,7 @@ class AlongElements(OnGroups, ForcesAlone):
         """
 
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N."""
+        """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total, forces = jnp.zeros(len(nodes), dtype), None
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)

@@ -83,7 +83,7 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
         require_known_geometry(self.geometry, self.per)
 
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N."""
+        """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total = jnp.zeros((len(nodes), 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measuring_positions(nodes)[faces]):

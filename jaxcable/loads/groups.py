@@ -54,7 +54,7 @@ class OnGroups(Acting):
             )
 
     def _key_text(self):
-        """Return the key of the loaded group in words, " on guys"; none in an analysis."""
+        """Return a text such as " on guys" with the key of the loaded group; "" in an analysis."""
         return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
 
     def describe(self, units: Units = SI) -> str:
@@ -129,7 +129,12 @@ class OnGroups(Acting):
         )
 
     def on_bundles(self, bundles: Bundles) -> Self:
-        """Return the load with indices of bundles (groups evaluated as one), and joined factors."""
+        """Return the load on bundles (groups evaluated as one) in place of groups.
+
+        `on` becomes the indices of these bundles, and `element_factors` the factors of all
+        elements of each bundle in one array: those of its groups, 1 or 0 for groups that
+        have none.
+        """
         if bundles.are_groups:
             return self
         given = self.element_factors or {}

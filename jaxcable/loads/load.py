@@ -187,13 +187,18 @@ class Dead(Acting):
 
 
 class ForcesAlone(Dead):
-    """Base of dead loads on elements or faces that put forces, and no moments, on nodes."""
+    """Base of dead loads on elements or faces that put forces, and no moments, on nodes.
+
+    A subclass writes `_sum_forces`, the forces on all nodes.
+    """
 
     @abc.abstractmethod
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N, of a `dtype`.
+        """Return the forces of the load on all nodes, [n_row, 3], N, as an array of `dtype`.
 
-        `nodes` are their initial positions.
+        Args:
+            groups, states: all groups of elements, and the state of each.
+            nodes: initial positions of the nodes, [n_row, 3], m.
         """
 
     def element_forces(
