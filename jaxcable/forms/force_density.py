@@ -161,7 +161,7 @@ class _AxesSharingMatrix:
 
     Attributes:
         axes: these axes, of 0, 1, 2.
-        free: numbers of the free nodes, [n_free].
+        free: indices of the free nodes, [n_free].
         unknown_of_end: number of the unknown of both ends of every element, [n_elem, 2]; n_free if
             the end is held.
         pattern: `linear.Pattern` of the matrix.

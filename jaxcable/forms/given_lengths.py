@@ -218,9 +218,12 @@ class SaddlePointSystem:
         return self._assemble_hessian(parts, motion)
 
     def _assemble_hessian(self, parts, motion):
-        """Assemble the Hessian from blocks of the displacements and the constraints' own blocks.
+        """Return the Hessian of the Lagrangian, [n_all, n_all], dense or sparse.
 
-        `parts` are pairs (blocks, numbers of unknowns); `motion` has the displacements [n_node, 3].
+        Args:
+            parts: blocks by displacements alone, as pairs (blocks, indices of their unknowns).
+            motion: displacements, [n_node, 3], m, at which the blocks of the length constraints
+                are evaluated and added.
         """
         couple = jax.vmap(functools.partial(_constraint_hessian, self.unit))
         parts = parts + [
@@ -252,7 +255,11 @@ class SaddlePointSystem:
 
 
 def length_error(ends, moved, length):
-    """Return an element's length minus its given `length`, m, without cancellation at the start."""
+    """Return an element's length minus its given `length`, m, without cancellation at the start.
+
+    `ends` are initial positions of its two ends, [2, 3], m, `moved` their displacements, [2,
+    3], m.
+    """
     _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
 

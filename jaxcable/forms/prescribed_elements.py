@@ -49,7 +49,10 @@ class PrescribedElements(ForceElements):
         return jnp.zeros((), bool)
 
     def form_state(self) -> ForceElementState:
-        """Return the state by which `FormDependentLoads` finds axial forces from lengths."""
+        """Return the state with the spring length 0 in place of L, and the force ``T - k L``.
+
+        From it `FormDependentLoads` computes axial forces by lengths alone.
+        """
         return ForceElementState(
             self.force - self.stiffness * self.natural_length, self.stiffness, None
         )

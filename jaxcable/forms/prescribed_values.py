@@ -42,7 +42,7 @@ class PrescribedValues:
 
     @property
     def is_prescribed(self) -> list[bool]:
-        """Whether anything is prescribed of a group, for every group."""
+        """Whether the elements of a group have prescribed values, a bool for every group."""
         return [force is not None for force in self.forces]
 
     @property
@@ -52,7 +52,7 @@ class PrescribedValues:
 
     @property
     def given_elements(self) -> list[Int[np.ndarray, " n_given"]]:
-        """Numbers of the elements of given length of each group, NumPy."""
+        """Indices of the elements of given length, a NumPy array [n_given] for each group."""
         return [np.flatnonzero(mask.array) for mask in self.sought]
 
     @property

@@ -56,7 +56,7 @@ def solve_bordered(
         corner: d, scalar.
         rhs: b, [n].
         last: e, scalar.
-        loose: unknowns with empty rows and columns, which stay zero, [n] bool.
+        loose: unknowns without stiffness (empty rows and columns), which stay zero, [n] bool.
 
     Returns:
         x [n], y scalar, and whether the bordered matrix is regular to working precision.

@@ -196,7 +196,11 @@ def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarra
 
 
 def _dense_positions(rows, columns, size, symmetric):
-    """Return the position among the values of every entry of the dense matrix, [n, n]."""
+    """Return the position among the values of every entry of the dense matrix, [n, n].
+
+    It is the number of values where an entry is zero. `rows` and `columns` are those of the
+    values.
+    """
     table = np.full((size, size), len(rows), np.uint32)
     table[rows, columns] = np.arange(len(rows))
     if symmetric:

@@ -51,7 +51,7 @@ def inertia_and_nearest_mode(
 
     Args:
         matrix: [n, n].
-        loose: unknowns with empty rows and columns, left out, [n] bool.
+        loose: unknowns without stiffness (empty rows and columns), left out, [n] bool.
         general: whether the matrix may be unsymmetric; it is treated as symmetric if it is so.
         strict: whether to count also negative eigenvalues as small as rounding, scalar. This counts
             noise where eigenvalues stay zero along the path, but it is needed near an eigenvalue

@@ -140,12 +140,12 @@ class Quantities:
 
 
 def as_quantities(quantities: Quantities | Mapping[str, Distribution]) -> Quantities:
-    """Return `Quantities`, of a dict independent ones."""
+    """Return `Quantities` unchanged, or those of a dict of independent distributions by name."""
     return quantities if isinstance(quantities, Quantities) else Quantities(quantities)
 
 
 def split_by_name(layout: Layout, flat: Float[Array, "... n"]) -> dict[str, Float[Array, " ..."]]:
-    """Return the entries of a vector by the names of the quantities, in their shapes.
+    """Return the entries of a vector, [..., n], by the names of the quantities, in their shapes.
 
     Leading axes are kept.
     """
@@ -160,7 +160,7 @@ def split_by_name(layout: Layout, flat: Float[Array, "... n"]) -> dict[str, Floa
 def join_by_name(
     layout: Layout, parts: Mapping[str, Float[ArrayLike, " ..."]]
 ) -> Float[Array, "... n"]:
-    """Return the vector whose entries `split_by_name` has split."""
+    """Return values by name as one vector, [..., n], in the order of `layout`."""
     flat = []
     for name, shape in layout:
         part = jnp.asarray(parts[name])
@@ -170,7 +170,10 @@ def join_by_name(
 
 
 def _matrix_of_pairs(pairs, layout):
-    """Return the correlation matrix of numbers for pairs of names."""
+    """Return the correlation matrix [n, n] with numbers for pairs of names; zero for other pairs.
+
+    Raises ValueError for an unknown name, or that of an array.
+    """
     first, begin = {}, 0
     for name, shape in layout:
         first[name] = begin if shape == () else None
@@ -198,7 +201,7 @@ def _matrix_of_pairs(pairs, layout):
 
 
 def _is_correlation(matrix):
-    """Return whether a matrix is one of correlations, known or traced."""
+    """Return whether a matrix is symmetric, with a unit diagonal, and positive definite; bool."""
     near = 1e-6 if matrix.dtype == np.float32 else 1e-12
     shaped = (abs(matrix - matrix.T) <= near).all() & (abs(matrix.diagonal() - 1) <= near).all()
     if isinstance(matrix, np.ndarray):

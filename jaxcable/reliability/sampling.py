@@ -135,7 +135,7 @@ def importance_sampling(
         key = jax.random.key(key)
     generator, key = str(jax.random.key_impl(key)), jax.random.key_data(key)
     traced = trace_limit_state(limit_state, quantities, tuple(args))
-    one = functools.partial(_vector, traced, args)
+    one = functools.partial(_limit_states, traced, args)
     evaluate = batched(one, chunk, devices=devices)
     size = min(samples, max(_ROUND, chunk or 1))
     rounds = -(-samples // size)
@@ -144,7 +144,7 @@ def importance_sampling(
     for number in range(rounds):
         count = min(size, samples - number * size)
         draw = key, np.uint32(number), centers, shares, spread
-        values, weight = _draw(quantities, *draw, count=size, generator=generator)
+        values, weight = _draw_samples(quantities, *draw, count=size, generator=generator)
         g = np.asarray(evaluate(values))[:count]
         weight = np.asarray(weight, float)[:count, None]
         violated = (g < 0).any(axis=1, keepdims=True)
@@ -159,7 +159,16 @@ def importance_sampling(
 
 
 def _summary(sums, samples, quantities, unknown_values):
-    """Return `Sampling` from the sums of weights, their squares and the counts of all events."""
+    """Return the `Sampling` from sums over all samples.
+
+    Args:
+        sums: for each event the sum of weights, that of their squares, and the count,
+            [3, n_event]. Events are: a limit state is violated; one is violated or the outcome
+            unknown; it is unknown; then, for each limit state, it is violated; it is NaN.
+        samples: number of samples.
+        quantities: the `Quantities`.
+        unknown_values: values of samples with unknown outcome, for each round a list by quantity.
+    """
     mean, square, counts = sums[0] / samples, sums[1] / samples, sums[2].astype(int)
     low, high = float(mean[0]), float(mean[1])
     n_violated, n_unknown = int(counts[0]), int(counts[2])
@@ -197,7 +206,7 @@ def _mixture(center, quantities):
 
 
 @functools.partial(as_program, static=("count", "generator"))
-def _draw(quantities, key, number, centers, shares, spread, *, count, generator):
+def _draw_samples(quantities, key, number, centers, shares, spread, *, count, generator):
     """Return values of the quantities and weights of `count` samples of the mixture.
 
     `key` has the numbers of a key of this `generator`; `number` is that of the round, which has
@@ -213,6 +222,6 @@ def _draw(quantities, key, number, centers, shares, spread, *, count, generator)
     return jax.vmap(quantities.values_at)(u), weight
 
 
-def _vector(limit_state, args, values):
-    """Return all limit states for values by name, as a vector."""
+def _limit_states(limit_state, args, values):
+    """Return all limit states for values of the quantities by name, as a vector [m]."""
     return limit_state_vector(limit_state(values, *args))

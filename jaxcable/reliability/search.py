@@ -40,11 +40,11 @@ class Point(NamedTuple):
         return bool(np.isfinite(self.value) and np.isfinite(self.gradient).all())
 
     def radius(self) -> float:
-        """Return the distance from the origin."""
+        """Return the distance of the point from the origin of standard normal space."""
         return _norm(self.u)
 
     def scale(self) -> float:
-        """Return the distance from the origin, at least 1, of which tolerances are parts."""
+        """Return the distance from the origin, at least 1, by which tolerances are multiplied."""
         return max(_norm(self.u), 1.0)
 
     def slope(self) -> float:
@@ -52,15 +52,18 @@ class Point(NamedTuple):
         return _norm(self.gradient)
 
     def alpha(self) -> Float[np.ndarray, " n"]:
-        """Return the unit vector along which the limit state falls."""
+        """Return the unit vector along which the limit state falls, [n]."""
         return -self.gradient / self.slope()
 
     def beta(self) -> float:
-        """Return the distance of the linearized surface, negative if the origin fails."""
+        """Return the distance of the linearized limit state surface from the origin.
+
+        Negative if the linearized limit state is violated at the origin.
+        """
         return self.alpha() @ self.u + self.value / self.slope()
 
-    def distance(self) -> float:
-        """Return the distance to the surface, to first order."""
+    def distance_to_limit_state(self) -> float:
+        """Return the distance to the limit state surface, to first order: ``|G| / |dG/du|``."""
         return abs(self.value) / self.slope()
 
     def misalignment(self) -> float:
@@ -68,11 +71,14 @@ class Point(NamedTuple):
         return _norm(self.u - (self.alpha() @ self.u) * self.alpha())
 
     def falls_outward(self) -> bool:
-        """Return whether the limit state falls away from the origin."""
+        """Return whether the limit state decreases in the direction away from the origin."""
         return bool(self.gradient @ self.u < 0)
 
     def is_near(self, others: Sequence[Point]) -> bool:
-        """Return whether it is the same design point as one of others, to within 5 %."""
+        """Return whether a point is the same design point as one of others.
+
+        It is if their distance is below 5 % of that from the origin (at least 1).
+        """
         return any(_norm(self.u - other.u) < _APART * self.scale() for other in others)
 
 
@@ -130,7 +136,7 @@ def _status_at(point, iterations, steps, tol):
     allowed = tol * point.scale()
     if point.slope() == 0:
         return status.STALLED if iterations else status.STATIONARY
-    if point.distance() <= allowed and point.misalignment() <= allowed:
+    if point.distance_to_limit_state() <= allowed and point.misalignment() <= allowed:
         return status.OK
     return status.OUT_OF_STEPS if iterations == steps else None
 

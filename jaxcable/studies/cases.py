@@ -84,14 +84,17 @@ class Cases:
         return None if covered else digest.of_host_function(self.draw)
 
 
-def _combinations_of_numbers(values, shape, numbers):
-    """Return the combinations of `values`, arrays by name, with these numbers."""
+def _combinations_at(values, shape, numbers):
+    """Return the combinations with indices `numbers`, [n], of `values`, arrays by name.
+
+    `shape` has the number of values of each; the last one counts first.
+    """
     places = np.unravel_index(numbers, shape)
     return {name: value[k] for (name, value), k in zip(values.items(), places, strict=True)}
 
 
-def _rows_of_numbers(rows, numbers):
-    """Return the rows of all arrays of a pytree that have these numbers."""
+def _rows_at(rows, numbers):
+    """Return the rows with indices `numbers`, [n], of all arrays of a pytree."""
     return jax.tree.map(lambda leaf: leaf[numbers], rows)
 
 
@@ -124,7 +127,7 @@ def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike)
         require_numbers(value, f"product: {name}")
     shape = tuple(map(len, given.values()))
     named = {name: ((name,), value) for name, value in given.items() if value.ndim == 1}
-    draw = functools.partial(_combinations_of_numbers, given, shape)
+    draw = functools.partial(_combinations_at, given, shape)
     return Cases(tuple(given), shape, draw, named, given)
 
 
@@ -181,7 +184,7 @@ def table(
         named[dim] = texts
     coordinates = {name: ((dim,), value) for name, value in named.items()}
     stated = rows, None if labels is None else texts
-    return Cases((dim,), (count,), functools.partial(_rows_of_numbers, rows), coordinates, stated)
+    return Cases((dim,), (count,), functools.partial(_rows_at, rows), coordinates, stated)
 
 
 def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample") -> Cases:

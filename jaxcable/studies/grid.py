@@ -50,11 +50,11 @@ class ChunkGrid:
         return np.ravel_multi_index(np.ogrid[self.slices(k)], self.shape).ravel()
 
 
-def divide(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
+def divide_into_chunks(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
     """Return the grid whose chunks have at most `chunk` cases: whole last dimensions, then parts.
 
-    >>> from jaxcable.studies.grid import divide
-    >>> divide((40, 25, 7), 1000).chunks
+    >>> from jaxcable.studies.grid import divide_into_chunks
+    >>> divide_into_chunks((40, 25, 7), 1000).chunks
     (5, 25, 7)
     """
     sizes: list[int] = []

@@ -99,7 +99,7 @@ def describe_arrays(
             "fill_value": fill_value(one.dtype),
             "dimension_names": (*cases.dims, *own),
             "attributes": ({} if unit is None else {"units": unit})
-            | (_flags() if name == STATUS else {}),
+            | (_status_flags() if name == STATUS else {}),
         }
     for dim, values in coords.items():
         if dim not in sizes or dim in cases.coordinates:
@@ -124,12 +124,12 @@ def describe_arrays(
 
 
 def fill_value(dtype: np.dtype[Any]) -> float | int:
-    """Return what stands for a case that is not computed."""
+    """Return the value of cases that are not computed: NaN, False, -1 of integers, else 0."""
     return np.nan if dtype.kind in "fc" else {"b": False, "i": -1}.get(dtype.kind, 0)
 
 
-def _flags():
-    """Return the attributes that say what statuses mean, as the CF conventions name them."""
+def _status_flags():
+    """Return attributes that explain status codes (CF conventions): values and meanings."""
     meanings = " ".join(name.lower() for name in status.NAMES.values())
     return {"flag_values": list(status.NAMES), "flag_meanings": meanings}
 
