@@ -151,7 +151,10 @@ def _lost_elements(elements, structure):
 
 
 def _require_groups(chosen, structure):
-    """Raise ValueError if a choice of elements does not say of which of several groups they are."""
+    """Raise ValueError if a structure has several groups, and `chosen` elements are not by group.
+
+    `chosen` is the user's choice; None, and names of groups, are by group.
+    """
     kinds = [dict] if isinstance(structure.elements, dict) else [list, tuple]
     kinds.append(type(structure.elements))
     if len(structure.groups) > 1 and chosen is not None and not isinstance(chosen, tuple(kinds)):

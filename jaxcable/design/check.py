@@ -192,7 +192,7 @@ class OnElements(Check):
         )
 
     def strengths(self, structure: Structure) -> Array:
-        """Return the breaking forces of the checked elements, [n_item], N."""
+        """Return the breaking forces of the checked elements, their `strength`, [n_item], N."""
         known = [
             None if one.strength is None else jnp.broadcast_to(one.strength, len(one.links))
             for one in structure.groups
@@ -238,7 +238,10 @@ _SHOWN_UNITS = {
 
 
 def text_of_input(value: Any) -> str:
-    """Return a number, or the range of several, as text for reports."""
+    """Return a number as text for reports; of an array its range, of other values their text.
+
+    "traced" stands for numbers that are not known.
+    """
     if isinstance(value, str) or value is None:
         return str(value)
     if isinstance(value, jax.core.Tracer):

@@ -152,7 +152,7 @@ def _check_combination(where, rule, kinds):
 
 
 def _check_factor(value, name, most=_LARGEST):
-    """Raise ValueError unless `value` is a number from 0 to `most`."""
+    """Raise ValueError, with `name`, unless `value` is a number from 0 to `most`, by default 10."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
         raise ValueError(f"rules: {name} = {value!r}: expected a number from 0 to {most:g}")
 

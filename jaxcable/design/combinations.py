@@ -86,11 +86,17 @@ class Combinations:
         return "\n".join(f"{name:<{width}}  {self.formula(k)}" for k, name in enumerate(self.names))
 
     def of_limit_state(self, *limit_states: str) -> Combinations:
-        """Return the combinations of some limit states, such as "serviceability"."""
+        """Return the combinations of the named limit states, such as "serviceability".
+
+        Raises ValueError for a limit state of which there are none.
+        """
         return self._select_combinations(self.limit_states, limit_states, "limit_states")
 
     def of_rule(self, *rules: str) -> Combinations:
-        """Return the combinations of some rules, such as "SLS quasi-permanent"."""
+        """Return the combinations of the named rules, such as "SLS quasi-permanent".
+
+        Raises ValueError for a rule of which there are none.
+        """
         return self._select_combinations(self.rules, rules, "rules")
 
     def _select_combinations(self, have, wanted, argument):
@@ -345,7 +351,11 @@ def _chosen_rules(rules, which):
 
 
 def _require_known_kinds(actions, rules, chosen):
-    """Raise ValueError if the rules do not have the kind of an action, or its factors psi."""
+    """Raise ValueError if the rules lack the kind of an action, or its combination factors psi.
+
+    `rules` are all rules of a standard, `chosen` the rules of the wanted combinations, by name;
+    only these need factors psi.
+    """
     # rules that are not chosen may be the ones that have an exceptional kind
     known = [*ALWAYS, *sorted(_exceptional_kinds(rules["combinations"])), *rules["kinds"]]
     used = {

@@ -191,7 +191,8 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
 def _groups_with_present_elements(structure, phases, phase, start):
     """Return, for each element group, whether any of its elements is present in phase `phase`.
 
-    A list of bool; True where that is traced and not known.
+    A list of bool; True where that is traced and not known. `start` is the state before all
+    phases, or None.
     """
     last = start.last if isinstance(start, Solution) else start
     presence = make_activation(structure, phases, None if last is None else last.restart.states)

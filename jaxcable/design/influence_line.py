@@ -47,7 +47,7 @@ class InfluenceLine:
         coefficients: of 1, x, x^2, x^3 on each piece, with x from 0 to 1, [..., n_piece, 4]; the
             leading axes are those of the result.
         direction: of the unit force, [3]; its length scales the line.
-        path: numbers of the elements of the path.
+        path: indices of the elements of the path.
         on: key of their group.
 
     Example:
@@ -149,7 +149,7 @@ def influence_line(
     Args:
         structure: `Structure`.
         phases: phases that lead to the state, or a `Solution` or `State`.
-        path: numbers of the elements of one group of beams, in order, end to end.
+        path: indices of the elements of one group of beams, in order, end to end.
         of: function of the `Solution` to an array of results, or the name of one: "reactions",
             "displacement", "tension", "section_forces" and so on.
 

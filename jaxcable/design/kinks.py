@@ -78,7 +78,8 @@ def slack_distance(
 def _strains_above_slackening(without_indices, index_arrays, dof_map):
     """Return strains minus the strain at which an element goes slack, [n_elem] by group, -.
 
-    Of contacts the sign is reversed; None for groups that bear tension and compression.
+    Of contacts the sign is reversed; None for groups that bear tension and compression. The
+    first two arguments are those of `merge_solution_state`; `dof_map` numbers the unknowns.
     """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     motion = restart.motion

@@ -73,7 +73,7 @@ class LevenbergMarquardt(Search):
         self._held = np.logical_or(*self.blocked_and_without_influence(point))
 
     def _status_of_start(self):
-        """Return the status of a search that ends at the start; None if it goes on."""
+        """Return the status if the search ends at its start; None if it goes on."""
         has_misfit = self._first > 0
         blocked = self.blocked_and_without_influence(self.current)[0]
         # if no parameter can be changed this is no minimum
@@ -87,7 +87,7 @@ class LevenbergMarquardt(Search):
         return status.STATIONARY if blind else status.OK
 
     def _take_steps(self):
-        """Go from trial point to trial point, and return the status at the end."""
+        """Take damped steps until the search ends, and return the status code."""
         damping, growth = _FIRST_DAMPING, 2.0
         noise = max(_NOISE, 64 * np.finfo(self.current.x.dtype).eps)
         for _ in range(self.steps):
@@ -152,10 +152,10 @@ class LevenbergMarquardt(Search):
         return (np.abs(whole) <= self.tol**1.5 * sizes).all()
 
     def _trial_point_within_bounds(self, damping):
-        """Return the next trial point, [n]: a damped step from the last one, within the bounds.
+        """Return the next trial point, [n]: a step with this damping mu, within the bounds.
 
-        A parameter that meets a bound stops there; the step of the other ones is then computed
-        again.
+        A parameter that meets a bound stops there; the step of the other ones is then
+        computed again.
         """
         x, residual, jacobian, _ = self.current
         move, stopped = np.zeros_like(x), self._held
@@ -192,7 +192,7 @@ class LevenbergMarquardt(Search):
         return blocked, (columns == 0) | ((whole > 0) & little)
 
     def _array_norms(self, x):
-        """Return, for every parameter, the norm of the array that contains it, [n]."""
+        """Return, for every entry of `x` [n], the norm of the array that contains it."""
         return self.box.norm_per_array(np.linalg.norm, x)
 
 

@@ -173,7 +173,7 @@ class DisplacementLimit(Check):
 
     Args:
         upper: largest displacement, m.
-        nodes: numbers of nodes; None: all.
+        nodes: indices of nodes; None: all.
         direction: along which the displacement is taken, either way, [3], without unit; None: its
             size.
         since: "last phase" for displacements within the last phase, which of cases is the case on
@@ -311,7 +311,7 @@ class ReactionLimit(Check):
     """Limits of a component of the reactions: uplift, anchors, bearings.
 
     Args:
-        nodes: numbers of supported nodes.
+        nodes: indices of supported nodes.
         direction: along which the reaction on the structure is taken, [3], without unit; upward by
             default.
         lower: smallest reaction, N: 0 where nothing holds a support down, minus the resistance of

@@ -68,7 +68,7 @@ class _OnMembers(OnElements):
         return steel_section(self.profile, self.section_class)
 
     def is_meant_for(self, group: Element) -> bool:
-        """Return whether the elements can be compressed and have an axial force."""
+        """Return whether the elements bear compression, and have an axial force."""
         has_axial_force = any(one.name == TENSION.name for one in group.results)
         return has_axial_force and not is_one_sided(group)
 

@@ -234,10 +234,15 @@ def _loss_and_gradient(loss, x, args):
 
 
 def _trace_optimizer(optimizer, loss, args, params, box):
-    """Trace a user's optimizer, which may read from outside what has changed.
+    """Trace a user's optax transformation, for a loss with further arguments `args`, within bounds.
 
-    Returns two of `TracedFunction`: that of its first state, and that of its step [n] and next
-    state. They have the parameters as one array [n].
+    It is traced in every call, because it may read variables that have changed. Its parameters,
+    a pytree like `params`, are one array [n] outside.
+
+    Returns:
+        Two of `TracedFunction`: from start and scale, [n], to the first state; and from loss,
+        `args`, bounds, scale, parameters, value, gradient and state to the step, [n], and the
+        next state.
     """
     optimizer, start = optax.with_extra_args_support(optimizer), flat_vector(params)
 

@@ -95,7 +95,7 @@ class ResultEnvelope:
         ]
 
     def _values_of_result(self, result, values):
-        """Return `values[result]`; ValueError for an unknown name."""
+        """Return `values[result]`; ValueError, which suggests names, for an unknown one."""
         if result not in values:
             hint = checks.suggest_names(result, values)
             raise ValueError(f"result = {result!r}: is no result of the envelope{hint}")

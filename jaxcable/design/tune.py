@@ -263,7 +263,7 @@ def tune(
 
 
 def _make_tuned(structure, phases, targets, solution, found, spent):
-    """Return the `Tuned` of a `Fit` that a search has found, and of the solution of its phases.
+    """Return the `Tuned` of `found`, the `Fit` of the search, and of the solution of its `phases`.
 
     `spent` are the numbers of trial points of all searches.
     """
@@ -290,7 +290,7 @@ def _weighted_deviations(targets, solution):
 def _describe_missed_targets(targets, deviation, solution):
     """Return a sentence for each missed target, a tuple, from measured minus wanted values.
 
-    It is empty if the analysis failed or is traced.
+    `deviation` has these for each target, [n]. It is empty if the analysis failed or is traced.
     """
     code = solution.status
     if checks.numpy_or_jax(code, deviation) is not np or np.any(np.asarray(code) != status.OK):

@@ -190,7 +190,10 @@ def _takes_load(load, group):
 
 
 def _refuse_unknown_pressure(where, load, structure, prescribed):
-    """Raise ValueError for a pressure per unstressed length on elements of given forces."""
+    """Raise ValueError, which names `where`, for pressure per unstressed length on given elements.
+
+    Those are elements of groups with prescribed values, `prescribed` [n_group] bool.
+    """
     if isinstance(load, CablePressure) and load.per == "unstressed":
         numbers, _ = load.loaded_groups(structure)
         if any(prescribed[n] for n in numbers):
@@ -202,7 +205,7 @@ def _refuse_unknown_pressure(where, load, structure, prescribed):
 
 @as_program
 def _find_form(structure, prescribed, passed, dependent, method):
-    """Find the form, a `Form` with lists per group; a program.
+    """Return the form of a structure with `prescribed` values, a `Form` with lists per group.
 
     `passed` and `dependent` are loads from `split_loads_for_analysis`.
     """
@@ -285,7 +288,11 @@ def _elements_of_given_length(groups, prescribed):
 
 
 def _spring_constants(groups, prescribed, nodes):
-    """Return spring constants of the elements of given length, [n_all], N/m, not differentiated."""
+    """Return spring constants of the elements of given length, [n_all], N/m, not differentiated.
+
+    They are EA by the laws of the groups over the length, limited by the largest prescribed
+    force.
+    """
     forces = []
     for group, force, density in zip(groups, prescribed.forces, prescribed.densities, strict=True):
         if force is not None:

@@ -34,16 +34,16 @@ _LEAST_PART = 1 / 2048
 
 @pytree
 class SaddlePointNumbering:
-    """Numbers of the unknowns of a form with given lengths.
+    """Indices of the unknowns of a form with given lengths.
 
     The free displacements come first, then the forces of the elements whose length is given: these
     are Lagrange multipliers.
 
     Attributes:
-        unknown_of_dof: number of the unknown of every degree of freedom, [n_node, 3]; n_all if a
+        unknown_of_dof: index of the unknown of every degree of freedom, [n_node, 3]; n_all if a
             support holds it.
-        given_elements: for each group the numbers of its elements of given length, or None.
-        unknowns: for each group the numbers of the six end displacements and the force of these
+        given_elements: for each group the indices of its elements of given length, or None.
+        unknowns: for each group the indices of the six end displacements and the force of these
             elements, [n_given, 7], or None.
         pattern: `linear.Pattern` of the Hessian.
         zeros: n_all zeros; their shape tells the number of unknowns where the rest is traced.
@@ -170,7 +170,7 @@ class SaddlePointSystem:
         """Generate, for each group with given lengths, the data of these elements.
 
         `motion` has the displacements [n_node, 3]. Yields initial positions of the ends [n_given,
-        2, 3], their displacements, lengths L [n_given], and numbers of the unknowns [n_given, 7].
+        2, 3], their displacements, lengths L [n_given], and indices of the unknowns [n_given, 7].
         """
         n = self.numbering
         for group, chosen, unknowns, lengths in zip(

@@ -133,7 +133,7 @@ def _positions_at(shape, parts):
 
 
 def _tensions_at_ends(shape):
-    """Return the tensions at both ends of one catenary, [2], N."""
+    """Return the tensions at both ends of one catenary, [2], N, from its `ElementShapes`."""
     pulls = jax.vmap(shape.tangent)(jnp.arange(2, dtype=shape.pull.dtype))
     return jnp.sqrt(jnp.sum(pulls * pulls, axis=1))
 

@@ -86,7 +86,10 @@ class FormLoads(Following):
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Return derivatives of the forces by current positions `moved`, in blocks."""
+        """Return derivatives of the forces by current positions `moved`, in blocks.
+
+        For each load and group a pair: blocks [n, k, 3, k, 3], N/m, and nodes [n, k].
+        """
         known: Any = self.states
         blocks: Any = self.acting.following_blocks(None, known, None, moved)
         return blocks

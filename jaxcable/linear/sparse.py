@@ -156,7 +156,11 @@ def is_definite(matrix: SparseMatrix) -> Bool[Array, ""]:
 
 @solve_reusing_factor.def_vmap
 def _solve_reusing_factor_batch_rule(axis_size, mapped, *arguments):
-    """Rule for `jax.vmap`: solve in jax if the bandwidth is small, else by cases on the host."""
+    """Rule for `jax.vmap`: solve in jax if the bandwidth is small, else case by case on the host.
+
+    `axis_size` is the number of cases, `mapped` says which arrays in `arguments` have their
+    axis. Returns the results, and which of them are mapped.
+    """
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     out = (0, 0, jax.tree.map(lambda _: 0, factored))

@@ -70,7 +70,7 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, "n_elem ..."]] | None = (
-        None  # by number of group: factors of the forces on each element; set by the analysis
+        None  # by index of group: factors of the forces on each element; set by the analysis
     )
 
     scales = ("factor",)

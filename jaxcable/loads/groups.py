@@ -23,7 +23,7 @@ from .load import Acting, Bundles, OnEveryNode
 
 Key: TypeAlias = Any
 """Key of a group in the structure's elements: a dict's key or a list's index; None means all
-groups. In an analysis, a tuple of numbers of groups."""
+groups. In an analysis, a tuple of indices of groups."""
 
 _ALL = 1.0  # factor of all elements of a group
 
@@ -58,7 +58,7 @@ class OnGroups(Acting):
         return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
 
     def describe(self, units: Units = SI) -> str:
-        """Return the class and the loaded group as text."""
+        """Return a text for reports: the class of the load and the key of its group."""
         return f"{type(self).__name__}{self._key_text()}"
 
     def loaded_groups(

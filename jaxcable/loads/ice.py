@@ -70,7 +70,7 @@ class IceLoads(AlongElements):
     direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0)
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: area of the ice, m2; set by the analysis
+        None  # by index of group: area of the ice, m2; set by the analysis
     )
 
     scales = ("direction",)

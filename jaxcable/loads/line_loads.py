@@ -88,7 +88,7 @@ class LineLoads(AlongElements, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, "n_elem ..."]] | None = (
-        None  # by number of group: factor of each element, 0 for those that are not loaded,
+        None  # by index of group: factor of each element, 0 for those that are not loaded,
         # [n_elem]; with its force beside it, N/m, [n_elem, 4]; set by the analysis
     )
 
@@ -178,11 +178,14 @@ class LineLoads(AlongElements, Measured):
         return super().apply_factors(number, amounts, state)
 
     def _has_own_forces(self, number):
-        """Return whether each element of a group has a force of its own."""
+        """Return whether each element of the group with index `number` has a force of its own."""
         return self.element_factors is not None and jnp.ndim(self.element_factors[number]) == 2
 
     def _vectors_of_elements(self, number):
-        """Return the force per length of each element, [n_elem, 3], N/m; None if all have one."""
+        """Return the force per length of each element of a group, [n_elem, 3], N/m.
+
+        None if all elements have the same force. `number` is the index of the group.
+        """
         if not self._has_own_forces(number):
             return None
         return self.factor * self.element_factors[number][:, 1:]
@@ -217,7 +220,11 @@ class LineLoads(AlongElements, Measured):
         return jnp.sum(self._chord_lengths(number, pieces), axis=-1)
 
     def _end_positions(self, group, nodes):
-        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m."""
+        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m.
+
+        `nodes` are initial positions; those at the beginning of the phase count if
+        `geometry` says so.
+        """
         return self.measuring_positions(nodes)[group.links]
 
     def _chord_lengths(self, number, ends):

@@ -70,7 +70,10 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return None
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> Self:
-        """Return a copy whose fields named in `scales` are multiplied by `factor`."""
+        """Return a copy with the fields named in `scales` multiplied by `factor`.
+
+        Raises ValueError if the class names none.
+        """
         if not self.scales:
             kind = type(self).__name__
             raise ValueError(

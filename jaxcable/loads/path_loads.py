@@ -20,7 +20,7 @@ _GAUSS = np.polynomial.legendre.leggauss(4)
 """Places and weights of the forces that stand for a load on a part of an element."""
 
 
-class Path(NamedTuple):
+class BeamPath(NamedTuple):
     """A path along beams of one group.
 
     Attributes:
@@ -64,8 +64,8 @@ class Path(NamedTuple):
 
 def path_along_elements(
     structure: Structure, path: Int[ArrayLike, " n"], group: int, name: str = "path"
-) -> Path:
-    """Return the `Path` along elements with indices `path`, [n], of the group with index `group`.
+) -> BeamPath:
+    """Return the `BeamPath` along elements with indices `path`, [n], of the group of index `group`.
 
     Raises:
         ValueError: an unknown or repeated element, or elements that do not meet end to end; the
@@ -95,7 +95,7 @@ def path_along_elements(
     chord = nodes[ends[:, 1]] - nodes[ends[:, 0]]
     lengths = pack.sqrt((chord * chord).sum(axis=1))
     stations = pack.concatenate([pack.zeros(1, lengths.dtype), pack.cumsum(lengths)])
-    return Path(group, elements, backwards, stations)
+    return BeamPath(group, elements, backwards, stations)
 
 
 ROUNDING = 64
@@ -106,7 +106,7 @@ class OnPath(WithinElements):
     """Base of loads on a path of beams.
 
     Attributes:
-        path: numbers of its elements, in order.
+        path: indices of its elements, in order.
     """
 
     path: Int[ArrayLike, " n"]
@@ -123,11 +123,11 @@ class OnPath(WithinElements):
         set_fields(self, path=Indices(path))
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure lacks the group or the path."""
+        """Raise ValueError if a structure lacks the group, or its elements form no such path."""
         self._path_in(structure)
 
     def _path_in(self, structure):
-        """Return the `Path` of the load in a structure; ValueError if its elements form none."""
+        """Return the `BeamPath` of the load in a structure; ValueError if there is none."""
         return path_along_elements(structure, self.path.array, self.group_index(structure))
 
 
@@ -141,7 +141,7 @@ class Train(OnPath):
     forces and spacings in the opposite order.
 
     Args:
-        path: numbers of the elements of one group of beams, in the order in which they are passed,
+        path: indices of the elements of one group of beams, in the order in which they are passed,
             end to end, [n]; they may point either way.
         position: distance of the first axle from the beginning of the path, m, along the chords of
             the structure as drawn.
@@ -224,7 +224,7 @@ class Crowd(OnPath):
     linear theory, and section forces between its ends are those of the four forces.
 
     Args:
-        path: numbers of the elements of one group of beams, in order, as of `Train`.
+        path: indices of the elements of one group of beams, in order, as of `Train`.
         forces: force per length along the path, [3], N/m.
         begin, end: distances of both ends of each part from the beginning of the path, [n_part] or
             scalar, m. A part that ends before it begins has no load.
@@ -299,7 +299,7 @@ class Crowd(OnPath):
 
 
 def _acting_points(structure, path, table, name, has_line=False):
-    """Return the `ActingPoints` of loads on the elements of a `Path`, zero on others of its group.
+    """Return the `ActingPoints` of loads on elements of a `BeamPath`, zero on others of its group.
 
     Args:
         table: loads of each element of the path, [n, k, 4]: place from 0 to 1, force, N.

@@ -142,7 +142,7 @@ class PointLoads(WithinElements):
     Straight cables, bars and catenaries carry forces at their nodes only: give them a node.
 
     Args:
-        elements: numbers of the loaded elements in their group, [n]; an element may occur more than
+        elements: indices of the loaded elements in their group, [n]; an element may occur more than
             once.
         places: along each element over its unstressed length, without unit, from 0 to 1: [n], or
             one for all.
@@ -244,7 +244,7 @@ class PointLoads(WithinElements):
 
 
 def _place_rule(places):
-    """Return the `Rule` that places along elements are from 0 to 1."""
+    """Return the `Rule` that all `places` along elements are from 0 to 1."""
     text = "must be from 0 to 1, along the element"
     return Rule("places", places, lambda v: (v < 0) | (v > 1), text)
 

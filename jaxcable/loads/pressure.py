@@ -120,7 +120,7 @@ class CablePressure(OnGroups, Pressure):
     on: Key = None
     per: Literal["current", "unstressed"] = "current"
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: factor of the pressure on each element; set by the analysis
+        None  # by index of group: factor of the pressure on each element; set by the analysis
     )
 
     varies = ("pressure", ())
@@ -182,7 +182,11 @@ class CablePressure(OnGroups, Pressure):
             yield moved[links], (pressure, state.rest_length), links
 
     def _force_on_patch(self, corners, numbers):
-        """Return the force of a pressure at the two ends of one chord, [2, 3], N."""
+        """Return the forces of a pressure at both ends of one chord, [2, 3], N.
+
+        `corners` are its ends, [2, 3], m, `numbers` pressure, N/m, and unstressed length,
+        m.
+        """
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
         axis = axis / _norm_or_one(axis)
@@ -233,7 +237,7 @@ class FacePressure(OnFaces, Pressure):
     on: Key = None
     elements: Selection | None = None
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: factor of the pressure on each element; set by the analysis
+        None  # by index of group: factor of the pressure on each element; set by the analysis
     )
 
     varies = ("pressure", ())
@@ -247,7 +251,10 @@ class FacePressure(OnFaces, Pressure):
             yield moved[faces], pressure, faces
 
     def _force_on_patch(self, corners, numbers):
-        """Return the force of a pressure at the corners of one face, [k, 3], N."""
+        """Return the forces of a pressure at the corners of one face, [k, 3], N.
+
+        `corners` are their positions, [k, 3], m, `numbers` is the pressure, N/m2.
+        """
         force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)

@@ -112,7 +112,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: drag times width times factor, m; set by the analysis
+        None  # by index of group: drag times width times factor, m; set by the analysis
     )
 
     scales = ("factor",)

@@ -42,7 +42,7 @@ class DesignPoint(NamedTuple):
     direction: Float[np.ndarray, " n"]
 
     def estimated_error(self) -> float:
-        """Return the distance from the minimum: the misalignment over the curvature."""
+        """Return the estimated distance from the minimum: the misalignment over the curvature."""
         return self.point.misalignment() / self.curvature_within_limits()
 
     def curvature_within_limits(self) -> float:
@@ -55,7 +55,7 @@ class DesignPoint(NamedTuple):
         return min(max(np.nan_to_num(self.curvature, nan=1.0), _LEAST_CURVATURE), 1.0)
 
 
-class Outcome(NamedTuple):
+class ExplorationOutcome(NamedTuple):
     """What is known of a limit state after the search for all its design points.
 
     Attributes:
@@ -126,14 +126,14 @@ class Exploration:
                 self.points = [one for one in near if one.point.falls_outward() == falls]
                 self.code, self.last = status.OK, first.u
 
-    def outcome(self, rows: int) -> Outcome:
-        """Return the `Outcome`, with exactly `rows` rows of points, NaN in unused ones."""
+    def outcome(self, rows: int) -> ExplorationOutcome:
+        """Return the outcome, with exactly `rows` rows of points, NaN in unused ones."""
 
         vector, number = np.full_like(self.start, np.nan), self.start.dtype.type(np.nan)
         none = DesignPoint(Point(vector, number, vector), number, vector)
         nearest, *_ = every = (self.points + [none] * rows)[:rows]
         numbers = self.code, self.iterations, self.evaluations, self.failures
-        return Outcome._make(
+        return ExplorationOutcome._make(
             [
                 *(np.array(number, np.int32) for number in numbers),
                 *(nearest.point.distance_to_limit_state(), nearest.estimated_error(), self.last),
@@ -203,7 +203,7 @@ class Exploration:
         return end
 
     def _search(self, evaluate, point, tol, trials, known=()):
-        """Return the `SearchEnd` of `search_from` with these arguments; add up the iterations."""
+        """Return the `SearchEnd` of `search_from`, whose arguments these are; count iterations."""
         end = search_from(evaluate, point, tol, self.steps, trials, known)
         self.iterations += end.iterations
         return end

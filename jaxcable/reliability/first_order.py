@@ -196,7 +196,7 @@ def _make_results(explorations, limit_state, quantities, *, rows):
 
 @functools.partial(as_program, static=("names",))
 def _make_result(outcome, quantities, *, names):
-    """Return the `FirstOrder`, without derivatives, of an `Outcome` with a leading axis [m].
+    """Return the `FirstOrder`, without derivatives, of an `ExplorationOutcome` with an axis [m].
 
     `names` are those of the limit states; None for a single one, without that axis.
     """
@@ -207,7 +207,7 @@ def _make_result(outcome, quantities, *, names):
 
 
 def _result_of_one(quantities, outcome):
-    """Return the `FirstOrder`, without derivatives, of the `Outcome` of one limit state."""
+    """Return the `FirstOrder`, without derivatives, of one limit state's `ExplorationOutcome`."""
     layout, factor = quantities.layout, quantities.factor()
     points = outcome.points
     alphas, betas = (jax.vmap(of)(points.point) for of in (Point.alpha, Point.beta))

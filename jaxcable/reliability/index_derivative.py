@@ -86,7 +86,7 @@ def _without_derivative(leaf, task):
 
 @jax.custom_jvp
 def _over_slope(change, slope):
-    """Return ``change / slope`` for a change that is zero and has a derivative."""
+    """Return ``change / slope`` for a `change` whose value is zero: only its derivative counts."""
     return change
 
 

@@ -88,7 +88,7 @@ class Quantities:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the condition on the correlation matrix."""
+        """Return the condition on the correlation matrix, a list with one `Rule`."""
         text = "must be symmetric and positive definite, with ones on its diagonal"
         return [
             Rule("correlation", self.correlation, lambda matrix: ~_is_correlation(matrix), text)
@@ -100,11 +100,11 @@ class Quantities:
         return sum(int(np.prod(shape)) for _, shape in self.layout)
 
     def are_valid(self) -> Bool[Array, ""]:
-        """Return whether all numbers keep their rules; for traced ones."""
+        """Return whether all numbers, which may be traced, keep their rules; scalar bool."""
         return are_rules_kept(collect_rules(self))
 
     def factor(self) -> Float[Array, "n n"] | None:
-        """Return Cholesky's factor of the correlation matrix; None if there is none."""
+        """Return the lower Cholesky factor of the correlation matrix; None if there is none."""
         return (
             None if self.correlation is None else unbatched.cholesky(jnp.asarray(self.correlation))
         )

@@ -129,7 +129,7 @@ def importance_sampling(
         raise ValueError(f"spread = {spread}: must be positive and finite")
     if is_tracing() or any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(quantities)):
         raise ValueError("importance_sampling: is being traced; call it outside of jit and grad")
-    centers, shares = _mixture(center, quantities)
+    centers, shares = _mixture_components(center, quantities)
     if not isinstance(key, jax.Array):
         checks.require_whole_number(key, "key", 0)
         key = jax.random.key(key)
@@ -155,10 +155,10 @@ def importance_sampling(
         )
         rows = np.flatnonzero(unknown)[: _LISTED - sum(len(part[0]) for part in unknown_values)]
         unknown_values.append([np.asarray(values[name])[rows] for name, _ in quantities.layout])
-    return _summary(sums, samples, quantities, unknown_values)
+    return _make_sampling(sums, samples, quantities, unknown_values)
 
 
-def _summary(sums, samples, quantities, unknown_values):
+def _make_sampling(sums, samples, quantities, unknown_values):
     """Return the `Sampling` from sums over all samples.
 
     Args:
@@ -190,8 +190,11 @@ def _summary(sums, samples, quantities, unknown_values):
     )
 
 
-def _mixture(center, quantities):
-    """Return the centers of the mixture, [k, n], and the share of the samples of each, [k]."""
+def _mixture_components(center, quantities):
+    """Return the centers of a mixture of normal samples, [k, n], and their shares of samples, [k].
+
+    `center` is as of `importance_sampling`; None gives the origin.
+    """
     if center is None:
         return np.zeros((1, quantities.size)), np.ones(1)
     betas, alphas = stacked_results(center, "center")
@@ -207,10 +210,14 @@ def _mixture(center, quantities):
 
 @functools.partial(as_program, static=("count", "generator"))
 def _draw_samples(quantities, key, number, centers, shares, spread, *, count, generator):
-    """Return values of the quantities and weights of `count` samples of the mixture.
+    """Return values by name, and weights, of `count` samples of a mixture of normal distributions.
 
-    `key` has the numbers of a key of this `generator`; `number` is that of the round, which has
-    random numbers of its own.
+    Args:
+        quantities: the `Quantities`.
+        key: data of a random key of this `generator`.
+        number: index of the round, which has random numbers of its own.
+        centers, shares: as of `_mixture_components`.
+        spread: standard deviation around the centers.
     """
     key = jax.random.wrap_key_data(key, impl=generator)
     which, normal = jax.random.split(jax.random.fold_in(key, number))

@@ -36,7 +36,7 @@ class Point(NamedTuple):
     gradient: Float[np.ndarray, " n"]
 
     def is_finite(self) -> bool:
-        """Return whether limit state and gradient are finite."""
+        """Return whether limit state and gradient are finite numbers at the point."""
         return bool(np.isfinite(self.value) and np.isfinite(self.gradient).all())
 
     def radius(self) -> float:
@@ -48,7 +48,7 @@ class Point(NamedTuple):
         return max(_norm(self.u), 1.0)
 
     def slope(self) -> float:
-        """Return the length of the gradient."""
+        """Return the length of the gradient of the limit state, ``|dG/du|``."""
         return _norm(self.gradient)
 
     def alpha(self) -> Float[np.ndarray, " n"]:
@@ -67,7 +67,7 @@ class Point(NamedTuple):
         return abs(self.value) / self.slope()
 
     def misalignment(self) -> float:
-        """Return the length of the part of u that is not along the gradient."""
+        """Return the distance of the point from the line through the origin along the gradient."""
         return _norm(self.u - (self.alpha() @ self.u) * self.alpha())
 
     def falls_outward(self) -> bool:
@@ -132,7 +132,10 @@ def search_from(
 
 
 def _status_at(point, iterations, steps, tol):
-    """Return the status with which a search ends at a point; None if it goes on."""
+    """Return the status with which a search ends at a point; None if it goes on.
+
+    `iterations` have been made, of `steps` allowed; `tol` is as of `search_from`.
+    """
     allowed = tol * point.scale()
     if point.slope() == 0:
         return status.STALLED if iterations else status.STATIONARY
@@ -142,12 +145,16 @@ def _status_at(point, iterations, steps, tol):
 
 
 def _full_step(point):
-    """Return the step to the nearest point of the linearized surface."""
+    """Return the step, [n], to the nearest point of the linearized limit state surface."""
     return point.beta() * point.alpha() - point.u
 
 
 def _is_accepted(trial, point, length, tol):
-    """Return whether a part of the full step from a point lowers the merit as promised."""
+    """Return whether `trial`, at a part `length` of the full step from `point`, lowers the merit.
+
+    It must do so by a part of what the linearized limit state promises (Armijo); `tol` is the
+    tolerance of the search.
+    """
     step = _full_step(point)
     # of both ends: the origin needs one, and a larger one where the surface is met, as of the ratio
     # of goal and limit state, would forbid to go along a curved surface
@@ -160,5 +167,5 @@ def _is_accepted(trial, point, length, tol):
 
 
 def _norm(vector):
-    """Return the length of a vector."""
+    """Return the Euclidean length of a vector."""
     return (vector @ vector) ** 0.5

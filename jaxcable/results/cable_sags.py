@@ -198,7 +198,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
 
     Args:
         structure: `Structure`.
-        elements: numbers of the elements in order, each joined to the next one.
+        elements: indices of the elements in order, each joined to the next one.
         on: the group that has them, its key in the structure's elements; None if there is one
             group.
 
@@ -304,7 +304,7 @@ def _nodes_in_order(group):
 
 
 def _select_shapes(chosen, one, other):
-    """Return the shapes of `one` where `chosen`, else those of `other`."""
+    """Return `ElementShapes`, those of `one` where the mask `chosen` is true, else of `other`."""
 
     def select(x, y):
         return jnp.where(chosen.reshape(*chosen.shape, *(1,) * (x.ndim - chosen.ndim)), x, y)
@@ -338,7 +338,7 @@ def _sag_of_segments(segments):
     )  # vertical distance below the chord, for a point from begin
     largest_at = _farthest_point(segments, below)
     middle = _point_at_station(segments, begin, level, 0.5 * span)
-    deflection, deflection_at = _deflection(segments, begin, chord)
+    deflection, deflection_at = _largest_deflection(segments, begin, chord)
     return Sag(
         midspan=scalar_product(middle - begin, below),
         largest=scalar_product(largest_at - begin, below),
@@ -350,11 +350,11 @@ def _sag_of_segments(segments):
     )
 
 
-def _deflection(segments, begin, chord):
+def _largest_deflection(segments, begin, chord):
     """Return the largest distance of a chain from its chord, m, and its place, [3].
 
-    A single catenary lies in a plane with its chord, so that the direction is known. `begin` is the
-    first end, `chord` the vector to the last one.
+    A single catenary lies in a plane with its chord, so that the direction is known. `begin` is
+    the first end, `chord` the vector to the last one.
     """
     along = chord / jnp.sqrt(scalar_product(chord, chord))
 

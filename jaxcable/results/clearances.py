@@ -206,12 +206,12 @@ def distance_to_line(
 
 
 def _checked_vector(value, name):
-    """Return a vector [3]; ValueError, which names the argument, for another shape."""
+    """Return `value` as a vector [3]; ValueError, which names the argument, for another shape."""
     return checks.floats_of_shape(value, name, (3,))
 
 
 def _checked_polyline(value, name):
-    """Return points [n, 3] of a polyline; ValueError, which names the argument, for others."""
+    """Return `value` as points of a polyline, [n, 3]; ValueError, with `name`, for others."""
     points = checks.as_floats(value, name)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise ValueError(

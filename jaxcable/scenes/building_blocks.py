@@ -141,7 +141,7 @@ def points_on_circle(
 
 
 def require_positive(**values: float) -> None:
-    """Raise ValueError if one of the values, given by name, is not positive."""
+    """Raise ValueError, with its name, if one of the values, given as keywords, is not positive."""
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")

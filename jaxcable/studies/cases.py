@@ -35,7 +35,7 @@ class Cases:
     Attributes:
         dims: names of the dimensions.
         shape: number of cases along each of them.
-        draw: function from numbers of cases, [n], to these cases, a pytree of arrays [n, ...].
+        draw: function from indices of cases, [n], to these cases, a pytree of arrays [n, ...].
         coordinates: what is known of all cases: pairs (names of dimensions, values), by name.
         stated: arrays that make all cases, a pytree; None if a user's function draws them.
 
@@ -60,7 +60,10 @@ class Cases:
         return math.prod(self.shape)
 
     def block(self, numbers: Numbers) -> Block:
-        """Return the cases with these numbers, a pytree of arrays [n, ...]."""
+        """Return the cases with indices `numbers`, [n], a pytree of arrays [n, ...].
+
+        Raises ValueError if a user's function draws another number of cases.
+        """
         drawn = jax.tree.map(np.asarray, self.draw(numbers))
         if _axis_lengths(drawn) != {len(numbers)}:
             raise ValueError(
@@ -191,7 +194,7 @@ def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample
     """Draw cases by a function of their numbers, where not all of them should be in memory.
 
     Args:
-        draw: function from numbers of cases, [n], NumPy, to these cases, a pytree of arrays
+        draw: function from indices of cases, [n], NumPy, to these cases, a pytree of arrays
             [n, ...]. It has to return the same for a number whenever it is called, and to change
             nothing that it uses: seed a generator with the number.
         n_case: number of cases.

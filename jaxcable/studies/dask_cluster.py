@@ -51,7 +51,7 @@ def compute_on_cluster(
         client: `distributed.Client`.
         task: what computes a chunk; its store has to be visible from all workers.
         cases: all cases; those of a chunk are sent with it if workers cannot make them.
-        numbers: numbers of chunks.
+        numbers: indices of chunks.
         stop: tells whether to begin no further chunk.
         patience: seconds to wait while there is no worker.
 

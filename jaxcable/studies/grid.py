@@ -38,7 +38,7 @@ class ChunkGrid:
         return math.prod(self.chunks)
 
     def slices(self, k: int) -> tuple[slice, ...]:
-        """Return the range of cases of chunk `k` along each dimension."""
+        """Return the range of cases of chunk `k` along each dimension, a tuple of slices."""
         place = map(int, np.unravel_index(k, self.counts))
         return tuple(
             slice(i * size, min((i + 1) * size, n))
@@ -46,7 +46,7 @@ class ChunkGrid:
         )
 
     def numbers(self, k: int) -> Int[np.ndarray, " n"]:
-        """Return the numbers of the cases of chunk `k`, [n], the last dimension counting first."""
+        """Return the indices of the cases of chunk `k`, [n], the last dimension counting first."""
         return np.ravel_multi_index(np.ogrid[self.slices(k)], self.shape).ravel()
 
 

@@ -50,12 +50,12 @@ class Study:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the chunks of cases that are not computed yet, a list."""
+        """Indices of the chunks of cases that are not computed yet, a list."""
         return self._opened.missing()
 
     @property
     def failures(self) -> dict[int, str]:
-        """Why cases have failed: texts, by number of the case."""
+        """Why cases have failed: a text by index of each failed case."""
         causes = self._opened.read(CAUSE).ravel()
         return {int(k): str(causes[k]) for k in np.flatnonzero(causes != "")}
 
@@ -207,7 +207,10 @@ def study(
 
 
 def _require_package(name, extra, purpose):
-    """Raise ModuleNotFoundError, with what to install, unless a package is there."""
+    """Raise ModuleNotFoundError unless the package `name` is installed.
+
+    The message says what needs it (`purpose`), and which `extra` of jaxcable installs it.
+    """
     if importlib.util.find_spec(name) is None:
         raise ModuleNotFoundError(
             f"{purpose} needs the package {name}, which is not installed: "
@@ -268,14 +271,14 @@ _HINTS = {
 
 
 def _require_no_file_above(path):
-    """Raise ValueError if a store cannot be made, because there is a file in place of a folder."""
+    """Raise ValueError if one of the folders in which the store `path` would be is a file."""
     for above in path.parents:
         if above.exists() and not above.is_dir():
             raise ValueError(f"store: {path}: {above} is a file, not a folder")
 
 
 def _require_same_study(opened, about):
-    """Raise ValueError if a store is of another study than `about` says."""
+    """Raise ValueError if an opened `ResultStore` is of another study than `about` says."""
     other = [
         f"{key} = {opened.about.get(key)}, not {value}"
         + (f" ({_HINTS[key]})" if key in _HINTS else "")

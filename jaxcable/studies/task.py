@@ -49,7 +49,7 @@ class Settings:
 
     @classmethod
     def of_this_process(cls) -> Settings:
-        """Return the settings of this process."""
+        """Return the `Settings` that jax has in this process."""
         return cls(
             jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
             are_loops_fused(),
