@@ -14,7 +14,7 @@ from ..common.tree import copy_with, entry, merge_indices, select_tree, split_in
 from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState
@@ -66,7 +66,7 @@ class PhaseOutcome(NamedTuple):
     last_output: ElementOutput | None
     path: Path
     log: Float[Array, "n_inc 10"]
-    factored: FactoredMatrix | None
+    factored: FactorRecord | None
     points: ConvergedPoints | None
 
 

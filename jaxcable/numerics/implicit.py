@@ -18,7 +18,7 @@ from .. import linear
 from ..common.jax_internals import is_tracing
 from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from .implicit_root import TangentSolver, implicit_root
 from .nan_marks import nan_unless_valid
 
@@ -70,7 +70,7 @@ def attach_derivative_with_marks(
     system: System,
     x: Float[Array, "n_row n_motion"],
     valid: Bool[ArrayLike, ""],
-    factored: FactoredMatrix | None = None,
+    factored: FactorRecord | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
     results: dict[str, Any] | None = None,
@@ -164,7 +164,7 @@ def _solve_tangent(problem, _, both):
     """
     b, mark, of_forces = _split_unknowns_and_marks(both)
     factor = _factorize_tangent(problem)
-    answer, unknown = factor.solve_with_marks(b)
+    answer, unknown = factor.solve_with_undefined_mask(b)
     # what loose nodes do has no influence on forces
     fails = jnp.any(unknown & ~factor.loose)
     marks = jnp.where(unknown, jnp.nan, mark), jnp.where(fails, jnp.nan, of_forces)
