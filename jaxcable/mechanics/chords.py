@@ -38,14 +38,14 @@ class Chords:
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
         """Compute the chords of a system at motion `x` from its end forces, per group."""
-        vector = relative_to_first_end(system, system.nodes + x[:, :3])
+        vector = second_minus_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         along = vector / length[:, None]
         pairs = zip(system.groups, end_forces, strict=True)
         pull = jnp.concatenate([forces[:, 1, :3] for group, forces in pairs if has_chord(group)])
         return cls(jnp.sum(pull * along, axis=1), along, length)
 
-    def elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    def linearized_elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
         """Return the linearized elongations, [n], m.
 
         `relative_motion` [n, 3], m, is the displacement of second ends less that of first ends.
@@ -69,15 +69,19 @@ class Chords:
                 blocks.append(matrix[:, 3:, 3:])
         return jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
 
-    def with_geometric_stiffness(
+    def tangents_with_geometric_stiffness(
         self,
         system: System,
         tangents: Sequence[Float[Array, "n_elem d d"]],
         force: Float[Array, " n"],
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return element tangents with the geometric stiffness of other axial forces [n], N.
+        """Return element tangents with the geometric stiffness of other axial forces.
 
-        `tangents` have an array [n_elem, d, d], N/m, for every group, and so has the result.
+        Args:
+            system: the system of the chords.
+            tangents: element tangents under the axial forces ``self.force``, per group
+                [n_elem, d, d], N/m; the result has the same shapes.
+            force: axial forces that replace them in the geometric stiffness, [n], N.
         """
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
@@ -116,13 +120,13 @@ def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
 
 
 def compression_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
-    """Return which elements with two ends and no rotations press only, [n] bool, NumPy."""
+    """Return which elements with two ends and no rotations are compression-only, [n], NumPy."""
     return np.concatenate(
         [np.full(len(group.links), group.compression_only) for group in groups if has_chord(group)]
     )
 
 
-def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
+def second_minus_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
     """Return `values` [n_row, 3] of second ends less those of first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
     ends = values[:, :3][links]
