@@ -50,7 +50,7 @@ def _evaluate(*leaves, function, shapes):
     return function(*leaves)
 
 
-def _compile(*leaves, function, shapes):
+def _evaluate_in_xla(*leaves, function, shapes):
     """Return the results of a deferred function within a program that XLA compiles, a list.
 
     The function is traced here, and equations that no result needs are left out.
@@ -59,17 +59,17 @@ def _compile(*leaves, function, shapes):
     return internals.function_of_jaxpr(program)(*leaves)
 
 
-def _shapes(*_, function, shapes):
+def _result_shapes(*_, function, shapes):
     """Return the abstract arrays of the results from their known `shapes`, without tracing."""
     return [internals.abstract_array(x) for x in shapes]
 
 
-def _jvp(primals, tangents, *, function, shapes):
+def _jvp_rule(primals, tangents, *, function, shapes):
     """Return the results of a deferred function and their tangents, for which it is traced."""
     return internals.value_and_tangents(function, primals, tangents)
 
 
-def _batch(arguments, axes, *, function, shapes):
+def _batch_rule(arguments, axes, *, function, shapes):
     """Return the results of a deferred function mapped by `jax.vmap`, and their batch axes, all 0.
 
     The mapped function is deferred as well. `axes` are the batch axes of the arguments, None where
@@ -98,10 +98,10 @@ def _drop_unused_results(used, count, *, function, shapes):
 _DEFERRED = internals.define_primitive(
     "deferred",
     _evaluate,
-    _shapes,
-    _jvp,
-    _batch,
-    lowered=_compile,
+    _result_shapes,
+    _jvp_rule,
+    _batch_rule,
+    lowered=_evaluate_in_xla,
     multiple_results=True,
     narrow=_drop_unused_results,
 )

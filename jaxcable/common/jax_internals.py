@@ -247,7 +247,7 @@ def scan_operand_counts(parameters: dict[str, Any]) -> tuple[int, int]:
 _EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
 
 
-def _traces_around():
+def _active_trace_names():
     """Return the class names of jax's active traces, from the innermost outward, a list."""
     trace, kinds = trace_ctx.trace, []
     while trace is not None:
@@ -261,18 +261,18 @@ def is_tracing() -> bool:
 
     Outside of a program, derivatives and batches compute with numbers: that is not tracing.
     """
-    kinds = _traces_around()
+    kinds = _active_trace_names()
     return kinds[-1] != "EvalTrace" or any(kind not in _EAGER_TRACES for kind in kinds[:-1])
 
 
 def is_untransformed() -> bool:
     """Tell whether jax computes with plain numbers now: no derivative, no batch, no program."""
-    return _traces_around() == ["EvalTrace"]
+    return _active_trace_names() == ["EvalTrace"]
 
 
 def is_differentiating() -> bool:
     """Tell whether jax takes a derivative of computations with numbers, outside of a program."""
-    kinds = _traces_around()
+    kinds = _active_trace_names()
     return not is_tracing() and ("JVPTrace" in kinds or "LinearizeTrace" in kinds)
 
 

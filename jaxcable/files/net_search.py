@@ -46,7 +46,7 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
             usual, key_path = usual[key], [*key_path, key]
     _count_foreign_type(data, table)
     if "vertex" in usual or "node" in usual:
-        _count_other_contents(data, key_path, table)
+        _count_contents_beside_net(data, key_path, table)
         return FoundNet(usual, "")
     nets = list(_search_nets(data, []))
     if not nets:
@@ -61,7 +61,7 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
     for other, _ in nets:
         if other != key_path:
             table.add("net", _format_key_path(other), "the first net of a file is read")
-    _count_other_contents(data, key_path, table)
+    _count_contents_beside_net(data, key_path, table)
     return FoundNet(net, f"{_format_key_path(key_path)}.")
 
 
@@ -114,7 +114,7 @@ def _format_key_path(key_path: list[Any]) -> str:
     )
 
 
-def _count_other_contents(data: Any, key_path: list[Any], table: Omissions) -> None:
+def _count_contents_beside_net(data: Any, key_path: list[Any], table: Omissions) -> None:
     """Add contents of a file beside its net, apart from other nets, to the table of omissions.
 
     `data` are those of the whole file, and `key_path` has the keys that lead to the net.

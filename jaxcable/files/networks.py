@@ -120,7 +120,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
     densities, on_edges = _edge_densities_and_loads(edges, lengths, table)
     on_faces = _face_loads(data, faces, table)
-    _count_other_attributes(data, table)
+    _count_unread_fields(data, table)
     held = np.array(fixed)
     spread = DistributedLoads(places, links, on_edges, list(faces.values()), on_faces)
     loads = add_missing_distributed_loads(np.array(own), spread, densities, held[:, 0], table)
@@ -240,7 +240,7 @@ def _face_loads(data, faces, table):
     return np.array(loads).reshape(-1, 3)
 
 
-def _count_other_attributes(data, table):
+def _count_unread_fields(data, table):
     """Add to the omissions `table` the fields of a net other than nodes, edges and faces."""
     whole = data.get("attributes")
     if isinstance(whole, dict):

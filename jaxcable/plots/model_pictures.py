@@ -79,7 +79,7 @@ def model(
     width = _THIN * line_width(len(stage.links))
     handles: list[Any] = []
     for number, (label, group) in enumerate(named_groups_of(structure)):
-        look = _line_look(number)
+        look = _group_line_style(number)
         own = stage.links[stage.group == number]
         wide = (1.6 if isinstance(group, Beams) else 1.0) * width
         ends = stage.view.project(stage.nodes)[own]
@@ -98,7 +98,7 @@ def model(
     return finish_figure(figure, path)
 
 
-def _line_look(number):
+def _group_line_style(number):
     """Return color and line style of the group with index `number`, as arguments for matplotlib."""
     style = STYLES[number // len(SERIES) % len(STYLES)]
     return {"color": SERIES[number % len(SERIES)], "linestyle": style}
@@ -119,7 +119,7 @@ def _write_numbers(axes, stage):
         for k, chain in enumerate(group.links.array):
             texts.append(str(k))
             places.append(stage.nodes[np.unique(chain)].mean(axis=0))
-            colors.append(_line_look(number)["color"])
+            colors.append(_group_line_style(number)["color"])
             shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
     at = _positions_in_picture(axes, stage.view, np.array(places))
     kept = _fitting_texts(axes, at, texts, SIZE * np.array(shifts))

@@ -91,11 +91,11 @@ class Names:
         """Return the array of full `shape` of the constant `name`, stored in a smaller one."""
         return np.array(np.broadcast_to(self.space[name], shape))
 
-    def function(self, program: Any) -> str:
+    def function_name(self, program: Any) -> str:
         """Return the name of the function that computes a jaxpr, written at its first call."""
-        return self.deferred_function(program, lambda: program)
+        return self.deferred_function_name(program, lambda: program)
 
-    def deferred_function(self, owner: Any, make: Callable[[], Any]) -> str:
+    def deferred_function_name(self, owner: Any, make: Callable[[], Any]) -> str:
         """Return the name of a function whose jaxpr is made, and written, when it is first called.
 
         Args:

@@ -20,7 +20,7 @@ def _new_variable(block, aval):
     return Value(block.names.new(), shape, np.dtype(aval.dtype), shape, block.depth)
 
 
-def _begin_carry(block, body, inner, initial, following):
+def _start_carry(block, body, inner, initial, following):
     """Write initial values of the variables that a loop carries; return their values in its body.
 
     Args:
@@ -44,12 +44,12 @@ def _begin_carry(block, body, inner, initial, following):
     return carried, changing
 
 
-def _end_carry(body, carried, changing, results):
+def _write_next_carry(body, carried, changing, results):
     """Write the end of a loop's body: carried variables get the values for the next iteration.
 
     Args:
         body: body of the loop.
-        carried, changing: results of `_begin_carry`.
+        carried, changing: results of `_start_carry`.
         results: values of the carried variables at the end of the body.
     """
     names = {x.name for x in changing}
@@ -81,7 +81,7 @@ def _scan(block, equation, inputs):
         body = block.child(is_loop=True)
         index = Value(block.names.new("i"), (), np.dtype(np.intp), (), body.depth)
         variables = jaxpr.invars[n_const:first], initial, jaxpr.outvars[:n_carry]
-        carried, changing = _begin_carry(block, body, *variables)
+        carried, changing = _start_carry(block, body, *variables)
     rows = [
         x._replace(shape=x.shape[1:])
         if x.held == ()
@@ -99,15 +99,15 @@ def _scan(block, equation, inputs):
     for own, value in zip(ys, found[n_carry:], strict=True):
         block.allocate(own)
         body.lines.append(f"{own.name}[{index.name}]={value.name}")
-    _end_carry(body, carried, changing, found[:n_carry])
+    _write_next_carry(body, carried, changing, found[:n_carry])
     order = f"range({length - 1},-1,-1)" if given["reverse"] else f"range({length})"
-    return [*_end_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
+    return [*_write_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
 
 
-def _end_loop(block, body, header, carried, changing):
+def _write_loop(block, body, header, carried, changing):
     """Write a loop, a header with its body; return the values of carried variables after it.
 
-    `carried` and `changing` are results of `_begin_carry`.
+    `carried` and `changing` are results of `_start_carry`.
     """
     body.write_work_count()
     block.lines.append((header, body))
@@ -127,7 +127,7 @@ def _while(block, equation, inputs):
         inputs[n_test + n_body :],
     )
     body = block.child(is_loop=True)
-    carried, changing = _begin_carry(block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars)
+    carried, changing = _start_carry(block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars)
     (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
     goes_on = body.full(goes_on)
     any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
@@ -145,8 +145,8 @@ def _while(block, equation, inputs):
             )
             for new, old in zip(found, carried, strict=True)
         ]
-    _end_carry(body, carried, changing, found)
-    return _end_loop(block, body, "while True:", carried, changing)
+    _write_next_carry(body, carried, changing, found)
+    return _write_loop(block, body, "while True:", carried, changing)
 
 
 def _make_case_select(n_axis):
@@ -311,6 +311,6 @@ def _deferred(block, equation, inputs):
         block.names.add_calls(count_calls(program))
         return program
 
-    name = block.names.deferred_function(function, make)
+    name = block.names.deferred_function_name(function, make)
     results = [x.aval for x in equation.outvars]
     return block.write_call(f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs], results)

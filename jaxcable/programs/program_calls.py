@@ -231,7 +231,7 @@ def _linear_call_transpose(cotangents, *arguments, program, count):
     return [None] * count + list(_LINEAR_CALL.bind(*values, program=own, count=count))
 
 
-def _batch(primitive, arguments, axes, *, program, **given):
+def _batch_rule(primitive, arguments, axes, *, program, **given):
     """Rule for `jax.vmap` of a call: bind `primitive` to the program mapped over the batch.
 
     Returns its results and their batch axes, all 0. `axes` are those of the arguments, None where
@@ -252,7 +252,7 @@ def _define_call_primitive(name, jvp, transpose=None):
     """
 
     def batch(arguments, axes, **given):
-        return _batch(made, arguments, axes, **given)
+        return _batch_rule(made, arguments, axes, **given)
 
     def run(*leaves, program, **_):
         return program.run(leaves)

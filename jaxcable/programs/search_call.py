@@ -112,7 +112,7 @@ def _evaluate(*leaves, call):
     return internals.arrays_on_default_device([np.asarray(x, own.dtype) for x, own in pairs])
 
 
-def _shapes(*_, call):
+def _result_shapes(*_, call):
     """Return the abstract arrays of the results of a search."""
     return [internals.abstract_array(x) for x in call.shapes]
 
@@ -146,7 +146,7 @@ def _host_search(name):
     return _CALLS[name].on_host
 
 
-def _compile(*leaves, call):
+def _call_from_xla(*leaves, call):
     """Return the results of a search within a program that XLA compiles, by a call of the host."""
     name = uuid.uuid4().hex
     _CALLS[name] = call
@@ -154,7 +154,7 @@ def _compile(*leaves, call):
 
 
 _SEARCH = internals.define_primitive(
-    "search", _evaluate, _shapes, _jvp, _batch, lowered=_compile, multiple_results=True
+    "search", _evaluate, _result_shapes, _jvp, _batch, lowered=_call_from_xla, multiple_results=True
 )
 
 

@@ -97,7 +97,7 @@ def write_callable(
     jaxpr, constants = inner_jaxpr(program)
     if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
         return write_equations(block, jaxpr, constants, inputs)
-    name = block.names.function(program)
+    name = block.names.function_name(program)
     text, full = f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs]
     return block.write_call(text, full, avals, pure=not jaxpr.effects)
 
