@@ -186,7 +186,7 @@ def _form_force_densities(options, scene, lengths, table):
         some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
         print(f"force densities: those of phase {own + 1}{some}")
     whole_phase = used == [q is not None for q in scene]
-    _count_replaced_inputs(phases, own if whole_phase else None, table)
+    _record_replaced_inputs(phases, own if whole_phase else None, table)
     if not any(used):
         return given
     return structure.arrange(
@@ -247,7 +247,7 @@ def _lengths_of_stated_groups(structure, form, given):
     )
 
 
-def _count_replaced_inputs(phases, own, table):
+def _record_replaced_inputs(phases, own, table):
     """Add to `table`, the omissions, what the form replaces: prestress, and additions of elements.
 
     The force density of the phase with index `own` is kept; None keeps none.

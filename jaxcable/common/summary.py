@@ -52,9 +52,10 @@ def _fields_to_show(obj):
 
 
 def _fold_lines(head, parts):
-    """Return a text of a heading and descriptions of fields: one line if they fit, else up to five.
+    """Return the summary text of an object: on one line if it fits, else on up to five.
 
-    `parts` are the descriptions, a list of texts. What is longer is cut off, with " ...".
+    `head` is its first line, and `parts` are descriptions of fields, a list of texts. What is
+    longer is cut off, with " ...".
     """
     together = f"{head}({', '.join(parts)})"
     if ":" not in head and len(together) <= _WIDTH:

@@ -37,7 +37,7 @@ REASONS = {
 _EMPTY: tuple[Any, ...] = (None, False, 0, "", [], {})
 
 
-def count_unread_attributes(
+def record_unread_attributes(
     attributes: Mapping[str, Any], read: frozenset[str], kind: str, where: str, table: Omissions
 ) -> None:
     """Add a row to the table of omissions for each attribute that a reader does not know.
@@ -73,7 +73,7 @@ def edge_force_density(attributes: Mapping[str, Any], length: float, where: str)
     return stated
 
 
-def count_conflicting_results(
+def record_conflicting_results(
     attributes: Mapping[str, Any], density: float, length: float, where: str, table: Omissions
 ) -> None:
     """Add rows to the table of omissions where force or length of an edge disagree with the net.

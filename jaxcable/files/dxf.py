@@ -165,7 +165,7 @@ def _read_visible_entities(document, sagitta, hidden, table):
             table.add("external reference", repr(files[name]), why)
         else:
             found.append(content)
-    _count_paper_space_entities(document, table)
+    _record_paper_space_entities(document, table)
     return found
 
 
@@ -235,8 +235,8 @@ def _hidden_layers(document):
     return why
 
 
-def _count_paper_space_entities(document, table):
-    """Count the entities in paper space, other than viewports, in the table of omissions."""
+def _record_paper_space_entities(document, table):
+    """Add the entities in paper space, other than viewports, to the table of omissions."""
     for layout in document.layouts:
         if layout.is_any_paperspace:
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)

@@ -44,9 +44,9 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
     for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
         if isinstance(usual.get(key), dict):
             usual, key_path = usual[key], [*key_path, key]
-    _count_foreign_type(data, table)
+    _record_foreign_type(data, table)
     if "vertex" in usual or "node" in usual:
-        _count_contents_beside_net(data, key_path, table)
+        _record_contents_beside_net(data, key_path, table)
         return FoundNet(usual, "")
     nets = list(_search_nets(data, []))
     if not nets:
@@ -61,11 +61,11 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
     for other, _ in nets:
         if other != key_path:
             table.add("net", _format_key_path(other), "the first net of a file is read")
-    _count_contents_beside_net(data, key_path, table)
+    _record_contents_beside_net(data, key_path, table)
     return FoundNet(net, f"{_format_key_path(key_path)}.")
 
 
-def _count_foreign_type(data, table):
+def _record_foreign_type(data, table):
     """Add the type of a file, ``package/Class``, to the table of omissions if it is not of compas.
 
     `data` are those of the whole file.
@@ -114,7 +114,7 @@ def _format_key_path(key_path: list[Any]) -> str:
     )
 
 
-def _count_contents_beside_net(data: Any, key_path: list[Any], table: Omissions) -> None:
+def _record_contents_beside_net(data: Any, key_path: list[Any], table: Omissions) -> None:
     """Add contents of a file beside its net, apart from other nets, to the table of omissions.
 
     `data` are those of the whole file, and `key_path` has the keys that lead to the net.

@@ -95,7 +95,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
         node = about.with_defaults(given, defaults, inside + where)
-        about.count_unread_attributes(node, about.NODE_KEYS, f"a {kind}", where, table)
+        about.record_unread_attributes(node, about.NODE_KEYS, f"a {kind}", where, table)
         where = inside + where
         positions.append(about.node_coordinates(node, where))
         own.append(about.load_vector(node, where))
@@ -120,7 +120,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
     densities, on_edges = _edge_densities_and_loads(edges, lengths, table)
     on_faces = _face_loads(data, faces, table)
-    _count_unread_fields(data, table)
+    _record_unread_fields(data, table)
     held = np.array(fixed)
     spread = DistributedLoads(places, links, on_edges, list(faces.values()), on_faces)
     loads = add_missing_distributed_loads(np.array(own), spread, densities, held[:, 0], table)
@@ -170,8 +170,8 @@ def _edge_densities_and_loads(edges, lengths, table):
     for (where, edge), length in zip(edges, lengths, strict=True):
         densities.append(about.edge_force_density(edge, length, where))
         loads.append(about.load_vector(edge, where))
-        about.count_unread_attributes(edge, about.EDGE_KEYS, "an edge", where, table)
-        about.count_conflicting_results(edge, densities[-1], float(length), where, table)
+        about.record_unread_attributes(edge, about.EDGE_KEYS, "an edge", where, table)
+        about.record_conflicting_results(edge, densities[-1], float(length), where, table)
     return np.array(densities), np.array(loads)
 
 
@@ -235,17 +235,17 @@ def _face_loads(data, faces, table):
     for name in faces:
         where = f"facedata[{name!r}]"
         face = about.with_defaults(given.get(name), defaults, where)
-        about.count_unread_attributes(face, about.FACE_KEYS, "a face", where, table)
+        about.record_unread_attributes(face, about.FACE_KEYS, "a face", where, table)
         loads.append(about.load_vector(face, where))
     return np.array(loads).reshape(-1, 3)
 
 
-def _count_unread_fields(data, table):
+def _record_unread_fields(data, table):
     """Add to the omissions `table` the fields of a net other than nodes, edges and faces."""
     whole = data.get("attributes")
     if isinstance(whole, dict):
         # the density of surfaces; without a thickness, which is counted, it has no weight
-        about.count_unread_attributes(
+        about.record_unread_attributes(
             whole, frozenset(("density",)), "the whole", "attributes", table
         )
     for key, value in data.items():

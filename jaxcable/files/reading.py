@@ -152,7 +152,7 @@ def _refuse_repeated_keys(pairs):
 
 
 def _parse_json_integer(digits):
-    """Parse a whole number in JSON; raise ValueError for more than 20 digits."""
+    """Return the integer in a text of digits; raise ValueError for more than 20 digits."""
     if len(digits) > 20:
         begin = f"{digits[:12]}...: a whole number of {len(digits)} digits"
         raise ValueError(f"{begin} is too long; at most 20 are allowed")
@@ -160,5 +160,5 @@ def _parse_json_integer(digits):
 
 
 def _refuse_nan_and_infinity(name):
-    """Raise ValueError for NaN and infinities, which JSON does not have."""
+    """Raise ValueError that names the constant: "NaN" and "Infinity" are no valid JSON."""
     raise ValueError(f"{name} is not allowed (look for this word); files hold finite numbers only")

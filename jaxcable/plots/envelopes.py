@@ -194,7 +194,8 @@ def _arrays(tree):
 def _active_elements(structure, envelope):
     """Return which elements are active in each case, [n_case, n_elem] bool.
 
-    The tension of others is NaN; elements without tensions count as active.
+    An envelope has NaN for the tension of inactive elements; elements without tensions count as
+    active.
     """
     tensions = values_by_group(envelope.values["tension"], len(structure.groups))
     shapes = [(len(envelope.names), len(group.links)) for group in structure.groups]

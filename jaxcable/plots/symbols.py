@@ -263,7 +263,7 @@ def _choose_arrow_sides(forces, node, positions, links, push):
 
 
 def _unit_vectors(vectors):
-    """Scale vectors to length 1; zero vectors stay zero."""
+    """Return vectors, [n, 2 or 3], scaled to length 1; zero vectors stay zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
 
 

@@ -193,7 +193,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:
-    """Return the table of tilt and twist, {"tilts": Table}; empty without beams and bars.
+    """Return the table of tilt and twist of beams and bars, {"tilts": Table}; empty without any.
 
     Groups of bars without compression, which are cables, and springs to the ground have no rows.
     """
