@@ -61,7 +61,7 @@ from .preparation import prepare
 from .recalled_derivative import without_derivatives
 from .sensitivity import MeasuredAnalysis
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, are_as_built, end_tension_as_jack
+from .statements import AS_BUILT_STATEMENTS, are_as_built, end_tensions_as_jacks
 
 Run = Callable[..., Solution]
 """Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
@@ -81,7 +81,7 @@ def with_lengths_as_built(
 
     Args:
         structure, phases, method, start: as for `solve`.
-        run: function that analyses phases without such statements, as `solve` does.
+        run: function that analyses phases without such statements: `solve`.
         straight: whether end tensions of straight elements are met by lengths, too, and not by
             jacks.
 
@@ -147,7 +147,7 @@ def _with_found_lengths(structure, phases, method, start, run, stated, straight)
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
         given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
-        return _errors(run(structure, _with_strains(*given, m), method, start), *given)
+        return _errors(run(structure, _with_strains(*given, m), method, start=start), *given)
 
     values = [leaves[k] for k in moving]
     m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
@@ -190,14 +190,12 @@ def _with_strains(structure, phases, stated, m):
             continue
         every = phase.statements(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
-        found_here = {one.group for one in stated if one.phase == k}
+        jacked = end_tensions_as_jacks(structure, every)
+        for number in {one.group for one in stated if one.phase == k}:
+            jacked[number] = every[number]  # lengths meet its end tensions
         jacks = [
-            own.get("jacking") if number in found_here else end_tension_as_jack(own).get("jacking")
-            for number, own in enumerate(every)
-        ]
-        jacks = [
-            None if isinstance(group, Sagging) else jack
-            for group, jack in zip(structure.groups, jacks, strict=True)
+            None if isinstance(group, Sagging) else own.get("jacking")
+            for group, own in zip(structure.groups, jacked, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
             cables = structure.groups[one.group]
@@ -365,7 +363,7 @@ def _errors_and_jacobian(structure, phases, method, start, m, *, run, straight):
     given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
 
     def errors(m):
-        solution = run(structure, _with_strains(*given, m), method, start)
+        solution = run(structure, _with_strains(*given, m), method, start=start)
         return _errors(solution, *given), solution.status
 
     found, push, code = jax.linearize(errors, m, has_aux=True)

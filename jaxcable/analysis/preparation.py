@@ -13,8 +13,7 @@ from ..common import checks, status
 from ..common.fusion import are_loops_fused
 from ..common.rules import are_rules_kept, collect_rules
 from ..common.tree import cast_floats, computed_once, copy_with, split_indices
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Sagging
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element import Element
 from ..elements.element_state import OwnState
 from ..elements.prestress import Prestressed
@@ -48,7 +47,7 @@ from .phases import Phase, as_phases
 from .prestress_rules import statements_keep_rules
 from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
-from .statements import concerns_weight, end_tension_as_jack
+from .statements import concerns_weight, end_tensions_as_jacks
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -150,7 +149,7 @@ def prepare(
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
         statements=stack_statements(
-            [_with_jacks(structure, of_phase) for of_phase in statements], bundles
+            [end_tensions_as_jacks(structure, of_phase) for of_phase in statements], bundles
         ),
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
@@ -196,14 +195,6 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
             phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
-
-
-def _with_jacks(structure, statements):
-    """Return `statements` by group; an end tension of a straight element becomes that of a jack."""
-    return [
-        own if isinstance(group, Sagging) else end_tension_as_jack(own)
-        for group, own in zip(structure.groups, statements, strict=True)
-    ]
 
 
 @computed_once
@@ -267,11 +258,6 @@ def _is_always_convex(groups, stacks):
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
 
-def cast_to_dtype_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
-    """Return a tree with all floats cast to the dtype of the nodes."""
-    return cast_floats(tree, jnp.asarray(nodes).dtype)
-
-
 def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
     """Complete the input of a `PreparedAnalysis` inside of the compiled program.
 
@@ -282,7 +268,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     Returns:
         Nodes, groups, `RestartState`, `Schedule`.
     """
-    nodes, groups, restart, schedule = cast_to_dtype_of(parameters[0], parameters)
+    nodes, groups, restart, schedule = cast_floats(parameters, jnp.asarray(parameters[0]).dtype)
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:

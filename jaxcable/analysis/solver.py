@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from ..common import checks
 from ..common.progress import Increment, as_listener
 from ..common.status import OK, first_failure
-from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
@@ -86,7 +85,8 @@ def solve(
         -14600.0 N/m
     """
     listen = as_listener(progress)
-    stated, (phases, found) = phases, phases_with_lengths(structure, phases, method, start)
+    stated = phases
+    phases, found = with_lengths_as_built(structure, stated, method, start, solve)
     # prestress as built has been prepared as it is stated: messages have named that
     with checks.without_warnings() if found is not None else contextlib.nullcontext():
         task = prepare(structure, phases, method, start, to_end=True)
@@ -102,7 +102,8 @@ def solve(
         bundles=task.bundles,
     )
     if topples_under_jacks(phases, solution):
-        by_lengths, found = phases_with_lengths(structure, stated, method, start, straight=True)
+        given = structure, stated, method, start
+        by_lengths, found = with_lengths_as_built(*given, solve, straight=True)
         if found is not None and int(found) == OK:
             return solve(
                 *(structure, by_lengths, method),
@@ -120,22 +121,3 @@ def solve(
 
 
 _first_failure = as_program(first_failure)
-
-
-def phases_with_lengths(
-    structure: Structure,
-    phases: Phase | Sequence[Phase] | None,
-    method: Newton | Incremental | None,
-    start: Solution | State | None,
-    straight: bool = False,
-) -> tuple[list[Phase], Int[Array, ""] | None]:
-    """Return phases without prestress as built: with the strains that it comes to, and a status.
-
-    Arguments are as of `solve`; `straight` and the result are of `as_built.with_lengths_as_built`.
-    """
-    return with_lengths_as_built(structure, phases, method, start, _run, straight)
-
-
-def _run(structure, phases, method, start):
-    """Return the solution of phases in which nothing is stated as built."""
-    return solve(structure, phases, method, start=start)
