@@ -45,6 +45,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.plausibility import largest_movement
 from ..model.structure import Structure
+from ..model.supports import FixedDofs
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..programs.program_calls import as_program
 from ..programs.search_call import run_search
@@ -110,11 +111,12 @@ def with_lengths_as_built(
     return found, code
 
 
-def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
+def topples_under_jacks(phases: Sequence[Phase], solution: Solution, fixed: FixedDofs) -> bool:
     """Return whether end tensions of straight elements, as of jacks, have tipped a structure over.
 
     So it is if the analysis has failed, the end is unstable, or a node has moved by half the extent
-    of the structure. Nothing is known of a `solution` that is traced: False.
+    of the structure more than the supports, `fixed`. Nothing is known of a `solution` that is
+    traced: False.
     """
     stands = all(phase.end_tension is None for phase in phases)
     traced = any(isinstance(x, jax.core.Tracer) for x in (solution.status, solution.positions))
@@ -122,7 +124,7 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
         return False
     if int(solution.status) != status.OK or not bool(solution.stable):
         return True
-    _, moved, extent = largest_movement(solution)
+    _, moved, extent = largest_movement(solution, fixed.array)
     return moved > 0.5 * extent
 
 

@@ -39,6 +39,7 @@ from .phase_checks import (
     check_loads,
     check_method,
     check_supports,
+    known_loads,
     require_tangent,
     warn_of_free_ends,
     without_amplitudes,
@@ -138,7 +139,8 @@ def prepare(
         idle = presence.inactive_dofs(structure, bundled)
     _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
     if any(concerns_weight(phase) for phase in phases):
-        weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
+        loads_known = [*known_loads(phases), *(stack.load for stack in everything)]
+        weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     if restart is None:
         warn_of_free_ends(structure, phases, sets)

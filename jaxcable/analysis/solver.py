@@ -101,7 +101,7 @@ def solve(
         listen=listen,
         bundles=task.bundles,
     )
-    if topples_under_jacks(phases, solution):
+    if topples_under_jacks(phases, solution, task.fixed[-1]):
         given = structure, stated, method, start
         by_lengths, found = with_lengths_as_built(*given, solve, straight=True)
         if found is not None and int(found) == OK:
@@ -114,7 +114,7 @@ def solve(
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     jacked = any(one.jacking is not None or one.end_tension is not None for one in phases)
-    plausibility.warn_of_collapse(solution, jacked)
+    plausibility.warn_of_collapse(solution, jacked, task.fixed[-1].array)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task.bundles)
     return arrange_solution(structure, solution, task)
