@@ -121,6 +121,7 @@ def prepare(
     statements = [
         phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
     ]
+    stated = stack_statements([end_tensions_as_jacks(structure, x) for x in statements], bundles)
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
     followed = restart is not None and any(stack.follows for stack in restart.loads)
@@ -150,9 +151,7 @@ def prepare(
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stack_statements(
-            [end_tensions_as_jacks(structure, of_phase) for of_phase in statements], bundles
-        ),
+        statements=stated,
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,  # type: ignore[arg-type]  # fields of it, see `Schedule`
