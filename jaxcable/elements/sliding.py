@@ -7,6 +7,8 @@ Its energy is a function of a sum of lengths, hence as convex in the nodes as th
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +21,8 @@ from .abilities import Jacked, Rounding
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jack_value_or
+
+FRICTION_FIELDS = {"friction", "axle_friction", "wobble"}
 
 
 @pytree(indices=("links",))
@@ -69,6 +73,14 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     tangent = Element.tangent  # that of `Axial` is for two nodes
     paired = False
 
+    def __new__(cls, *_: Any, **fields: Any) -> Any:
+        """Make `FrictionCables` where a field of theirs is given."""
+        if cls is SlidingCables and not FRICTION_FIELDS.isdisjoint(fields):
+            from .friction_cables import FrictionCables
+
+            cls = FrictionCables
+        return object.__new__(cls)
+
     def __post_init__(self):
         if not isinstance(self.links, Indices):
             object.__setattr__(self, "links", _checked_chains(self.links))
@@ -106,7 +118,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
-        piece, length = _moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_pieces_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
@@ -126,7 +138,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         The shares are those of the nodes in the initial position. A constant is left out; because
         the shares add up to one, positions can be relative to the first node.
         """
-        piece, length = _moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_pieces_with_lengths(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.split_among_ends(jnp.ones((1,), length.dtype), ends[None])[0]
@@ -157,7 +169,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
-        piece, length = _moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_pieces_with_lengths(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
@@ -168,7 +180,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
             jnp.sum(of[1])
-            for of in (_pieces_with_lengths(ends), _moved_pieces_with_lengths(ends, motion))
+            for of in (_pieces_with_lengths(ends), moved_pieces_with_lengths(ends, motion))
         )
         return self._state_activated_at_length(
             state, length, _total_length_change(ends, motion), start
@@ -178,7 +190,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state after lock-off: its new unstressed length gives the jack force here."""
         return self.locked_off_state(
             state,
-            jnp.sum(_moved_pieces_with_lengths(ends, motion)[1]),
+            jnp.sum(moved_pieces_with_lengths(ends, motion)[1]),
             _total_length_change(ends, motion),
         )
 
@@ -188,7 +200,7 @@ def _pieces_with_lengths(places):
     return _vectors_with_lengths(_successive_differences(places))
 
 
-def _moved_pieces_with_lengths(ends, motion):
+def moved_pieces_with_lengths(ends, motion):
     """Return the pieces between successive nodes after a motion: vectors and lengths, m.
 
     Positions and displacements are subtracted separately, so that positions far from the origin
@@ -212,11 +224,22 @@ def _vectors_with_lengths(piece):
 
 def _total_length_change(ends, motion):
     """Return the change of the length over all nodes, m, without subtracting lengths."""
+    return jnp.sum(piece_length_changes(ends, motion)[0])
+
+
+def piece_length_changes(
+    ends: Ends, motion: Motion
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    """Return the changes of the lengths of all pieces of a cable, [n], m, and both lengths.
+
+    The changes are computed without subtracting lengths, so that they keep their digits.
+    """
     start, before = _pieces_with_lengths(ends)
     w = _successive_differences(motion)
-    after = _moved_pieces_with_lengths(ends, motion)[1]
+    after = moved_pieces_with_lengths(ends, motion)[1]
     both = before + after
-    return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
+    change = jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0)
+    return change, before, after
 
 
 def _checked_chains(chains):

@@ -1,0 +1,318 @@
+"""Cables that slide over their nodes with friction, or are clamped there.
+
+Every straight piece has a tension of its own, which `friction` finds for given positions of the
+nodes and given unstressed lengths of the pieces. An increment remembers what has slipped over each
+node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+
+from ..common import checks
+from ..common.rules import Rule, not_negative
+from ..common.tree import copy_with, index_array, pytree
+from ..common.types import Array, ArrayLike, Bool, Float
+from .abilities import STATEMENTS
+from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
+from .friction import (
+    StraightPieces,
+    axle_bound,
+    deviation_angles,
+    elongations_and_rates,
+    piece_tensions,
+    slips,
+)
+from .prestress import AxialState
+from .sliding import SlidingCables, moved_pieces_with_lengths, piece_length_changes
+from .statement import StatedValues, Statement
+
+PIECE_TENSION = Result("piece_tension", "N")
+"""Tension of every straight piece of a cable between successive nodes; 0 for fillers."""
+SLIP = Result("slip", "m")
+"""Unstressed length that has slipped over every deviator so far, towards the next piece."""
+FRICTION_USED = Result("friction_used", "-")
+"""Logarithm of the ratio of tensions at every deviator over the largest that friction allows: 1
+where the cable slips towards the next piece, -1 where it slips back, beyond at a clamp."""
+
+
+def _open_or_closed(name, values):
+    """Return the rule that a clamp is open or closed."""
+    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
+
+
+@pytree
+class FrictionState(AxialState):
+    """State of cables that slide with friction: that of others, and what holds at their nodes.
+
+    Attributes:
+        clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
+        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
+            it is in the first piece, and not in all pieces alike, [n_elem], m.
+    """
+
+    clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+
+
+@pytree(indices=("links",), kw_only=True)
+class FrictionCables(SlidingCables):
+    """A group of cables that slide with Coulomb friction over their nodes; tension only.
+
+    At every node between its ends, a *deviator* (saddle, pulley, duct), the tensions of a cable on
+    both sides differ at most by a factor ``exp(b)``, and by this factor where it slips, against the
+    slip: ``b = friction theta + wobble l``, theta the angle between the pieces and l half of their
+    lengths together. Where it sticks, no unstressed length passes. Slips are found exactly, for all
+    deviators together (`elements.friction`), and remembered at the end of every increment: loads
+    can be reversed, and paths matter, so that several increments are more exact than one.
+
+    Phases clamp a cable to its deviators by ``Phase(own={"clamped": {"rope": values}})`` with 1
+    (clamped) or 0, one number, or [n_elem, n_deviator]; this holds until stated otherwise. A jack
+    pulls at the first end of the cable, and a shortening is taken out there, so that losses build
+    up along the cable; a negative shortening after lock-off is the draw-in of an anchor. All other
+    changes of length are those of all pieces alike, with one tension where nothing has slipped.
+
+    Args:
+        links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
+            compliance: as of `SlidingCables`; the law has no history variables.
+        friction: coefficient of friction mu, scalar, [n_elem], or [n_elem, n_deviator] with
+            ``n_deviator = n_end - 2``; default 0.
+        axle_friction: of pulleys that turn with the rope, the friction coefficient of the axle
+            times its radius over the radius of the pulley, likewise, below 1; default 0.
+        wobble: friction per length from unintended angles, scalar or [n_elem], 1/m, already
+            multiplied by mu; default 0.
+
+    Raises:
+        ValueError: as of `SlidingCables`; a negative coefficient; a law with history variables.
+
+    Source: Euler (1769) for the ratio of tensions.
+
+    Example:
+        A rope over a fixed bar is pulled at one end with 1 kN; mu = 0.2, half a turn. It slips
+        until the other end, which a spring holds, has ``1000 exp(-0.2 pi)`` N:
+
+        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.0, 0.0, -1.0]]
+        >>> rope = jc.FrictionCables(links=[[0, 1, 0]], axial_stiffness=1e6, friction=0.2)
+    """
+
+    friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
+    axle_friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
+    wobble: Float[ArrayLike, " n_elem"] | None = None
+
+    symmetric = False
+    has_memory = True
+    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, PIECE_TENSION, SLIP, FRICTION_USED)
+    statements = (
+        *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
+        Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+    )
+    per_element = (*SlidingCables.per_element, "friction", "axle_friction", "wobble")
+
+    def __post_init__(self):
+        super().__post_init__()
+        if any(law.n_memory for law in self._laws):
+            raise ValueError("law: has history variables; a cable with friction needs one without")
+
+    def _floats_per_element(self, name):
+        if name not in ("friction", "axle_friction") or getattr(self, name) is None:
+            return super()._floats_per_element(name)
+        count, width = index_array(self.links).shape
+        shapes = (), (count,), (count, width - 2)
+        hint = "; one number, one for each cable, or one for each node between its ends"
+        values = checks.floats_of_shape(getattr(self, name), name, *shapes, hint=hint)
+        pack = checks.numpy_or_jax(values)
+        values = values[:, None] if values.ndim == 1 else values
+        return pack.broadcast_to(values, (count, width - 2))
+
+    def rules(self) -> list[Rule]:
+        """Return the conditions on numbers of the group, those of friction included, a list."""
+        text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
+        axle = Rule("axle_friction", self.axle_friction, lambda v: (v < 0) | (v >= 1), text)
+        others = [not_negative(name, getattr(self, name)) for name in ("friction", "wobble")]
+        return [*super().rules(), *others, axle]
+
+    @property
+    def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
+        """Numbers of the deviators, each of which can be clamped."""
+        count = index_array(self.links).shape[1] - 2
+        return {"clamped": tuple(map(str, range(1, count + 1)))}
+
+    def has_tension_unknown(self, state: FrictionState) -> bool:
+        """Return whether the tension can be an unknown of the equations: there are several."""
+        return False
+
+    # --- state
+
+    def start(self, ends: Float[Array, "n_elem n_end 3"]) -> FrictionState:
+        """Return the state before the first phase: all pieces have one tension, without slip."""
+        state = super().start(ends)
+        fields = {name: getattr(state, name) for name in state._all_fields}
+        clamped = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
+        return FrictionState(**fields, clamped=clamped, fed=jnp.zeros_like(state.rest_length))
+
+    def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
+        """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
+        count, width = index_array(self.links).shape
+        like = next(iter(self.properties().values()))
+        return jnp.zeros((count, width - 2), jnp.asarray(like).dtype)
+
+    def apply_statements(
+        self,
+        state: FrictionState,
+        ends: Float[Array, "n_elem n_end 3"],
+        statements: Mapping[str, StatedValues],
+    ) -> FrictionState:
+        """Return the state after the statements of a phase; see the class for shortenings."""
+        known = {name: stated for name, stated in statements.items() if name != "clamped"}
+        state = super().apply_statements(state, ends, known)
+        if "clamped" in statements:
+            stated = statements["clamped"]
+            state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
+        if "shortening" in statements:
+            state = copy_with(state, fed=state.fed - statements["shortening"].values)
+        return state
+
+    def committed_memory(
+        self, state: FrictionState, ends: Ends, motion: Motion, duration: float = 0.0
+    ) -> Float[Array, " n_deviator"]:
+        """Return what has slipped over the deviators of one cable so far, [n_deviator], m."""
+        return self.slip(state, ends, motion)
+
+    def lock_off(self, state: FrictionState, ends: Ends, motion: Motion) -> FrictionState:
+        """Return the state after lock-off: what has come in at the first end is in the cable."""
+        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        stretched = elongations_and_rates(pieces, found.tension)[0]
+        fed = pieces.excess[0] - stretched[0] + jnp.sum(slips(pieces, found)[:1])
+        fed = jnp.where(self._jack(state)[1], fed, 0.0)
+        return copy_with(
+            state,
+            rest_length=state.rest_length + fed,
+            elongation=state.elongation - fed,
+            fed=state.fed + fed,
+            jack_force=None,
+            jacked=None,
+        )
+
+    def _jack(self, state):
+        """Return the force of a jack at the first end of one cable, N, and whether there is one."""
+        if state.jack_force is None:
+            return None
+        return state.jack_force, True if state.jacked is None else state.jacked
+
+    # --- one cable
+
+    def _pieces_with_tensions(self, state, ends, motion):
+        """Return the `StraightPieces` of one cable, and their `PieceTensions`."""
+        change, before, length = piece_length_changes(ends, motion)
+        slip = jnp.pad(state.memory * _stretch(state), 1)
+        excess = before / jnp.sum(before) * (state.elongation + state.fed)
+        excess = excess + change + slip[1:] - slip[:-1]
+        excess = excess.at[0].add(-state.fed)
+        is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
+        bound = self._friction_bound(ends, motion)
+        bound = jnp.where(state.clamped > 0, jnp.inf, bound)
+        bound = jnp.where(is_filler, 0.0, bound)
+        pieces = StraightPieces(self, length, excess, bound, self._jack(state))
+        return pieces, piece_tensions(pieces)
+
+    def _friction_bound(self, ends, motion):
+        """Return the largest logarithms of ratios of successive tensions, without clamps."""
+        piece, length = moved_pieces_with_lengths(ends, motion)
+        angle = deviation_angles(piece, length)
+        bound = jnp.zeros_like(angle)
+        if self.friction is not None:
+            bound = bound + self.friction * angle
+        if self.axle_friction is not None:
+            bound = bound + axle_bound(angle, self.axle_friction)
+        if self.wobble is not None:
+            bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
+        return bound
+
+    def piece_tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+        """Return the tension of every piece of one cable, [n_end - 1], N; 0 for fillers."""
+        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        return jnp.where(pieces.length > 0, found.tension, 0.0)
+
+    def tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the mean tension of one cable over its present length, N."""
+        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        return pieces.length @ found.tension / jnp.sum(pieces.length)
+
+    def peak_tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest tension of the pieces of one cable, N."""
+        return jnp.max(self.piece_tension(state, ends, motion))
+
+    def slip(self, state: FrictionState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
+        """Return what has slipped over each deviator so far, towards the next piece, m.
+
+        It is unstressed length at the reference temperature.
+        """
+        return state.memory + slips(*self._pieces_with_tensions(state, ends, motion)) / _stretch(
+            state
+        )
+
+    def friction_used(
+        self, state: FrictionState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the logarithm of the ratio of tensions at each deviator over the largest one.
+
+        It is 1 or -1 where the cable slips, towards the next piece or back. At a clamp it says how
+        much friction would be needed. Zero without tension, and where there is no friction.
+        """
+        tension = self._pieces_with_tensions(state, ends, motion)[1].tension
+        bound = self._friction_bound(ends, motion)
+        counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
+        ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
+        return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
+
+    def is_slack(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether no piece of one cable has a tension."""
+        return self.peak_tension(state, ends, motion) <= 0
+
+    def at_kink(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether one cable is between taut and slack."""
+        return self.is_unstressed(copy_with(state, memory=None, jack_force=None), ends, motion)
+
+    def absolute_force(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest tension of one cable, N: the scale of rounding."""
+        return self.peak_tension(state, ends, motion)
+
+    def end_forces(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
+        """Return the internal force of one cable at every node, sliding load included, N."""
+        piece, length = moved_pieces_with_lengths(ends, motion)
+        density = self.piece_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
+        force = _forces_of_pieces(density[:, None] * piece)
+        if state.line_load is None:
+            return force
+        return force - self.sliding_load_forces(state, ends, motion)
+
+    def energy(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the stored energy of one cable, J; friction has no potential."""
+        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        strain = self.strain_at(found.tension)
+        return jnp.sum(pieces.length / (1 + strain) * self.energy_per_length(strain))
+
+    def rounding_error(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
+        """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
+        piece, length = moved_pieces_with_lengths(ends, motion)
+        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        real = length > 0
+        rate = elongations_and_rates(pieces, found.tension)[1]
+        moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
+        force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
+        return jnp.abs(_forces_of_pieces(force[:, None] * jnp.abs(piece), 1.0))
+
+
+def _forces_of_pieces(pull, sign=-1.0):
+    """Return the forces at the nodes of one cable from the vectors of its tensions, [n_end, 3], N.
+
+    A vector is added at the end of its piece, and at the start multiplied by `sign`.
+    """
+    return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
+
+
+def _stretch(state):
+    """Return the unstressed length of one cable over that at the reference temperature."""
+    return 1.0 if state.thermal_stretch is None else state.thermal_stretch
