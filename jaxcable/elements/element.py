@@ -114,6 +114,8 @@ class Element(abc.ABC):
             its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether the load along it slides from node to node with the element;
             `sliding_load_forces` then returns the resulting change of the nodal forces.
+        is_chain: whether the ends are those of successive straight pieces with an axial force each,
+            from which the forces at all ends follow. The iteration then predicts these forces.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
@@ -142,6 +144,7 @@ class Element(abc.ABC):
     shaped_by_load: bool = False
     paired: bool = False
     slides: bool = False
+    is_chain: bool = False
 
     @property
     def n_freedom(self) -> int:

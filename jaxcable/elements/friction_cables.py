@@ -102,7 +102,7 @@ class FrictionCables(SlidingCables):
     wobble: Float[ArrayLike, " n_elem"] | None = None
 
     symmetric = False
-    has_memory = True
+    has_memory = is_chain = True
     results = (TENSION, PEAK_TENSION, SECTION_STRAIN, PIECE_TENSION, SLIP, FRICTION_USED)
     statements = (
         *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
