@@ -99,7 +99,10 @@ def warn_of_idle_loads(
 
 
 def _loaded_elements(factors):
-    """Return which elements have a nonzero factor, [n_elem]; True for all if it is traced."""
+    """Return which elements have a nonzero load factor, [n_elem] bool.
+
+    True, a scalar, if the factors are None (the load acts on all elements) or traced.
+    """
     known = checks.array_if_known(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 

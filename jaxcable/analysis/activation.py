@@ -38,7 +38,7 @@ class Activation(NamedTuple):
     is_consistent: Bool[Array, " n_phase"] | None = None
 
     def on_bundles(self, bundles: Bundles) -> Activation:
-        """Return the same for bundles (groups evaluated as one) in place of groups."""
+        """Return the same masks joined for bundles (groups evaluated as one) in place of groups."""
         if bundles.are_groups:
             return self
 
@@ -197,8 +197,11 @@ def inactive_dofs_of(
     return presence.inactive_dofs(structure, structure.motion_rows()[1])[0]
 
 
-def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
-    """Return which phases let new nodes move rigidly with active ones, [n_phase]; or None."""
+def attached_placement_mask(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
+    """Return which phases have ``placed="attached"``, [n_phase] bool; None if none of them has.
+
+    In these phases nodes that new elements bring have moved rigidly with active nodes.
+    """
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 
@@ -238,7 +241,10 @@ def element_masks(value: Any, structure: Structure, name: str) -> list[Bool[Arra
 
 
 def _as_element_mask(given, count, name):
-    """Return booleans [n_elem], or one for all, as a mask [count]; ValueError for anything else."""
+    """Return booleans [count], or one for all, as a mask [count], NumPy where they are known.
+
+    ValueError, which begins with `name`, for anything else.
+    """
     mask = checks.as_numpy_if_known(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
@@ -249,7 +255,10 @@ def _as_element_mask(given, count, name):
 
 
 def _masks_of_whole_groups(value, structure, name):
-    """Convert keys of groups to masks of all groups, per group [n_elem] bool."""
+    """Convert `WholeGroups` to masks, [n_elem] bool for every group: true for groups it names.
+
+    ValueError, which begins with `name`, for a key that the structure's elements do not have.
+    """
     numbers = structure.arrange(list(range(len(structure.groups))))
     found = [np.zeros(len(group.links), bool) for group in structure.groups]
     for key in value.names:

@@ -55,13 +55,13 @@ from .as_built_statements import (
     stated_as_built,
 )
 from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
-from .length_search import search, solve_dense
+from .length_search import newton_search, solve_dense
 from .phases import Phase, as_phases
 from .preparation import prepare
 from .recalled_derivative import without_derivatives
 from .sensitivity import MeasuredAnalysis
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, are_as_built, end_tension_as_jack
+from .statements import AS_BUILT_STATEMENTS, end_tension_as_jack, may_state_as_built
 
 Run = Callable[..., Solution]
 """Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
@@ -94,7 +94,7 @@ def with_lengths_as_built(
     """
     phases = as_phases(structure, phases)
     hangs = any(isinstance(group, Sagging) for group in structure.groups)
-    if not any(are_as_built(phase, hangs) for phase in phases):
+    if not any(may_state_as_built(phase, hangs) for phase in phases):
         return phases, None
     with checks.without_warnings():
         stated = stated_as_built(structure, phases, start, straight=straight)
@@ -129,16 +129,17 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
 def _with_found_lengths(structure, phases, method, start, run, stated, straight):
     """Return the phases with the strains that are found, a status, and the errors that are left.
 
-    `stated` is the list of what is `Stated`, one at least. The errors, [n], are None if traced.
+    `stated` is the list of what is `Stated`, one at least. The relative errors, [n], are None if
+    traced. Other arguments are those of `with_lengths_as_built`.
     """
     last = 1 + max(one.phase for one in stated)  # what comes later changes nothing
     arguments = structure, _first_phases(structure, phases, last, start), method, start
     known = without_derivatives(arguments)
     concrete = is_top_level_call(jax.tree.leaves(known))
-    m, code, left = _find_unknowns(known, run, concrete, straight)
+    m, code, left = _find_log_lengths(known, run, concrete, straight)
     leaves, tree = jax.tree.flatten(arguments)
     if concrete and not any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-        return _with_strains(structure, phases, stated, m), code, left
+        return _with_prestrains(structure, phases, stated, m), code, left
     moving = [k for k, leaf in enumerate(leaves) if _has_derivative(leaf)]
 
     def errors(m, values):
@@ -147,11 +148,11 @@ def _with_found_lengths(structure, phases, method, start, run, stated, straight)
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
         given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
-        return _errors(run(structure, _with_strains(*given, m), method, start), *given)
+        return _relative_errors(run(structure, _with_prestrains(*given, m), method, start), *given)
 
     values = [leaves[k] for k in moving]
     m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
-    return _with_strains(structure, phases, stated, m), code, left if concrete else None
+    return _with_prestrains(structure, phases, stated, m), code, left if concrete else None
 
 
 def _first_phases(structure, phases, count, start):
@@ -182,11 +183,14 @@ def _has_derivative(leaf):
 # --- lengths
 
 
-def _with_strains(structure, phases, stated, m):
-    """Return the phases with the strains that follow from unknowns `m`, [n], as statements."""
+def _with_prestrains(structure, phases, stated, m):
+    """Return the phases with prestrains ``exp(-m) - 1`` in place of what they state as built.
+
+    `stated` is the list of `Stated`, `m` are the unknowns ``log(L0 / d)``, [n].
+    """
     found, at = list(phases), 0
     for k, phase in enumerate(phases):
-        if not are_as_built(phase):
+        if not may_state_as_built(phase):
             continue
         every = phase.statements(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
@@ -207,14 +211,17 @@ def _with_strains(structure, phases, stated, m):
         found[k] = replace(
             phase,
             **dict.fromkeys(AS_BUILT_STATEMENTS),
-            prestrain=_as_argument(structure, strains),
-            jacking=_as_argument(structure, jacks),
+            prestrain=_as_phase_argument(structure, strains),
+            jacking=_as_phase_argument(structure, jacks),
         )
     return found
 
 
 def _join(stated, elements, m, part, count):
-    """Return `StatedValues` with the strains of some elements, those of a part of unknowns `m`."""
+    """Insert strains of `elements`, by the unknowns ``m[part]``, into a statement of prestrain.
+
+    `stated` has the `StatedValues` of the group, of `count` elements, or is None.
+    """
     mask = np.zeros(count, bool) if stated is None else stated.element_mask()
     before = np.zeros(count, m.dtype) if stated is None else stated.values
     mask[elements] = True
@@ -223,31 +230,31 @@ def _join(stated, elements, m, part, count):
 
 @as_program
 def _insert_strains(values, elements, m, part):
-    """Return values of elements with the strains of some in their places."""
+    """Return `values`, [n_elem], with the strains ``exp(-m[part]) - 1`` at `elements`."""
     return jnp.asarray(values).at[elements].set(jnp.expm1(-m[part]))
 
 
 @as_program
-def _take(values, chosen):
-    """Return the values of chosen elements."""
+def _at_indices(values, chosen):
+    """Return ``values[chosen]``, the values of elements with the indices `chosen`."""
     return values[chosen]
 
 
-def _as_argument(structure, stated):
-    """Return statements of all groups as an argument of `Phase`; None if there are none."""
+def _as_phase_argument(structure, stated):
+    """Return `StatedValues` (or None) of all groups as `Phase` takes them; None if all are None."""
     if all(one is None for one in stated):
         return None
     found = [
         one
         if one is None or one.chosen is None
-        else only(np.flatnonzero(one.chosen), _take(one.values, np.flatnonzero(one.chosen)))
+        else only(np.flatnonzero(one.chosen), _at_indices(one.values, np.flatnonzero(one.chosen)))
         for one in stated
     ]
     return structure.arrange([x.values if isinstance(x, StatedValues) else x for x in found])
 
 
-def _spans(structure, cables, elements):
-    """Return chords, horizontal spans, m, EA, N, and weights, N/m, of elements, [n] each."""
+def _hanging_parameters(structure, cables, elements):
+    """Return initial chords, m, horizontal spans, m, EA, N, and weights, N/m, of elements, [n]."""
     weight = 0.0 if cables.weight is None else cables.weight
     given = structure.nodes, cables.stiffness_with_spring, weight
     xp = checks.numpy_or_jax(given)
@@ -259,15 +266,15 @@ def _spans(structure, cables, elements):
     return chord, span, *(x[elements] for x in every)
 
 
-def _guess(structure, stated):
-    """Return unknowns of cables that do not move, [n], as of parabolas."""
+def _guess_log_lengths(structure, stated):
+    """Return guesses of the unknowns ``log(L0 / d)``, [n], of parabolas whose ends do not move."""
     parts = []
     for one in stated:
         cables = structure.groups[one.group]
         if not isinstance(cables, Sagging):
             parts.append(_lengths_of_straight(cables, one.elements, one.values))
             continue
-        chord, span, stiffness, weight = _spans(structure, cables, one.elements)
+        chord, span, stiffness, weight = _hanging_parameters(structure, cables, one.elements)
         tension = one.values
         if one.name == "horizontal_tension":
             tension = tension * chord / span
@@ -281,7 +288,7 @@ def _guess(structure, stated):
 
 @as_program
 def _lengths_of_straight(group, elements, tension):
-    """Return the logarithms of unstressed lengths over chords of elements under a tension, [n]."""
+    """Return the logarithm of unstressed length over length under a `tension`, N, [n]."""
     every = jnp.zeros(len(group.links), tension.dtype).at[elements].set(tension)
     strain = call_each_element("strain_at", group, every, group.initial_memory())
     return -jnp.log1p(strain[elements])
@@ -290,8 +297,11 @@ def _lengths_of_straight(group, elements, tension):
 # --- equations
 
 
-def _errors(solution, structure, phases, stated):
-    """Return the relative errors of what is stated of cables, [n]; zero for those not there."""
+def _relative_errors(solution, structure, phases, stated):
+    """Return ``measured / stated - 1`` (of sags ``stated / measured - 1``) of all cables, [n].
+
+    Measured is what the end of the phase in `solution` has; zero for cables absent there.
+    """
     shapes = {one.phase: shapes_of_groups(structure, solution.phases[one.phase]) for one in stated}
     parts = []
     for one in stated:
@@ -311,6 +321,7 @@ def _errors(solution, structure, phases, stated):
 
 
 def _end_tensions(shape: ElementShapes) -> Float[Array, " 2"]:
+    """Return the tensions at the first and the last end of one catenary, [2], N."""
     ends = jnp.stack([shape.pull, shape.pull - shape.load])
     return jnp.sqrt(jnp.sum(ends * ends, axis=1))
 
@@ -325,7 +336,7 @@ _MEASURES: dict[str, Callable[[ElementShapes], Any]] = {
 # --- the search
 
 
-def _find_unknowns(arguments, run, concrete, straight):
+def _find_log_lengths(arguments, run, concrete, straight):
     """Return the unknowns, [n], without derivatives, a status, and the errors that are left, [n].
 
     `arguments` are structure, phases, method and start. `concrete` says that all numbers are known:
@@ -333,24 +344,24 @@ def _find_unknowns(arguments, run, concrete, straight):
     """
     structure, phases, method, start = arguments
     stated = stated_as_built(structure, phases, start, straight=straight)
-    m = _guess(structure, stated)
-    tol = _tolerance(method or Newton(), m)
+    m = _guess_log_lengths(structure, stated)
+    tol = _search_tolerance(method or Newton(), m)
     if concrete:
         refuse_lengths_beyond_digits(stated, np.asarray(m))
         given = structure, phases, stated
         measured = MeasuredAnalysis(
             structure,
-            lambda m: _with_strains(*given, m),
-            lambda solution: _errors(solution, *given),
+            lambda m: _with_prestrains(*given, m),
+            lambda solution: _relative_errors(solution, *given),
             *(_MEASURED, method, start),
         )
-        m, code, left = search(measured, np.asarray(m), np.asarray(tol))
+        m, code, left = newton_search(measured, np.asarray(m), np.asarray(tol))
     else:
 
         def search_lengths(problem):
             own, m, tol = problem
             of = functools.partial(_errors_and_jacobian, *own, run=run, straight=straight)
-            return search(of, np.asarray(m), tol)
+            return newton_search(of, np.asarray(m), tol)
 
         like = m, jax.ShapeDtypeStruct((), np.int32), m
         m, code, left = run_search(search_lengths, (arguments, m, tol), like)
@@ -361,20 +372,20 @@ def _find_unknowns(arguments, run, concrete, straight):
 
 @functools.partial(as_program, static=("run", "straight"))
 def _errors_and_jacobian(structure, phases, method, start, m, *, run, straight):
-    """Return the errors for unknowns `m`, [n], their Jacobian, [n, n], and a status."""
+    """Return relative errors for unknowns `m`, [n], their Jacobian, [n, n], and the status."""
     given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
 
     def errors(m):
-        solution = run(structure, _with_strains(*given, m), method, start)
-        return _errors(solution, *given), solution.status
+        solution = run(structure, _with_prestrains(*given, m), method, start)
+        return _relative_errors(solution, *given), solution.status
 
     found, push, code = jax.linearize(errors, m, has_aux=True)
     return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
 
 
 @as_program
-def _tolerance(method, m):
-    """Return the tolerance of the search for unknowns `m`, a scalar."""
+def _search_tolerance(method, m):
+    """Return the tolerance of relative errors and steps: above what equilibria leave, a scalar."""
     tol = 8 * jnp.sqrt(jnp.asarray(jnp.finfo(m.dtype).eps, m.dtype))
     if isinstance(method, Incremental):
         return tol

@@ -18,7 +18,7 @@ from ..model.structure import Structure
 from .phases import Phase
 from .prestress_rules import statement_rules
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, are_as_built
+from .statements import AS_BUILT_STATEMENTS, may_state_as_built
 
 
 class Stated(NamedTuple):
@@ -85,8 +85,8 @@ def stated_as_built(
     loaded = start is not None or before > 0
     for k, phase in enumerate(phases):
         path = f"phases[{before + k}]."
-        loaded = loaded or any(_acts_along(load) for load in as_list(phase.loads))
-        statements = phase.statements(structure, path) if are_as_built(phase) else ()
+        loaded = loaded or any(_acts_on_elements(load) for load in as_list(phase.loads))
+        statements = phase.statements(structure, path) if may_state_as_built(phase) else ()
         for number, own in enumerate(statements):
             cables: Any = structure.groups[number]
             names: tuple[str, ...] = (*AS_BUILT_STATEMENTS, "jacking")
@@ -113,13 +113,16 @@ def stated_as_built(
     return found
 
 
-def _acts_along(given):
-    """Return whether a load of a phase acts on elements, also if it is `Varying`."""
+def _acts_on_elements(given):
+    """Return whether a load of a phase acts on elements, not on nodes; also if it is `Varying`."""
     return isinstance(given.load if isinstance(given, Varying) else given, Acting)
 
 
 def _is_first_end(tension_at, structure, cables, chosen):
-    """Return whether an end tension is that of the first end of each element, [n] bool."""
+    """Return whether an end tension is that of the first end of each `chosen` element, [n] bool.
+
+    `tension_at` is that of `Phase`: "first", "second", or the "lower" or "upper" initial end.
+    """
     if tension_at in ("first", "second"):
         return np.full(len(chosen), tension_at == "first")
     heights = checks.as_numpy_if_known(structure.nodes)[:, 2][cables.links.array[chosen]]
@@ -137,7 +140,7 @@ def refuse_lengths_beyond_digits(stated: Sequence[Stated], m: Float[np.ndarray, 
     """
     wrong = np.expm1(-m) <= -1
     if wrong.any():
-        label, value, unit = _stated_at(stated, int(wrong.argmax()))
+        label, value, unit = _label_value_and_unit(stated, int(wrong.argmax()))
         raise ValueError(
             f"{label} = {value:.6g}: the cable would be {np.exp(m[wrong.argmax()]):.1e} times as "
             f"long as its chord; is it in {unit}?"
@@ -153,7 +156,7 @@ def describe_unmet(stated: Sequence[Stated], errors: Float[np.ndarray, " n"]) ->
     """
     known = np.isfinite(errors).all()
     worst = int(np.abs(errors).argmax()) if known else 0
-    label, value, unit = _stated_at(stated, worst)
+    label, value, unit = _label_value_and_unit(stated, worst)
     text = f"{label} = {value:.6g} {unit}: no unstressed length is found with which it holds"
     if not known:
         return f"{text}; the analysis has no results for the lengths that the search begins with"
@@ -164,8 +167,11 @@ def describe_unmet(stated: Sequence[Stated], errors: Float[np.ndarray, " n"]) ->
     )
 
 
-def _stated_at(stated, k):
-    """Return how unknown number k is stated, such as ``phases[0].jacking[2]``; value and unit."""
+def _label_value_and_unit(stated, k):
+    """Return label, stated value and unit of the unknown with index k, for messages.
+
+    The label is how a user states it, such as ``phases[0].jacking[2]``; the unit is "N" or "m".
+    """
     one, row = [(one, row) for one in stated for row in range(len(one.elements))][k]
     unit = "m" if one.name == "built_sag" else "N"
     return f"{one.given}[{one.elements[row]}]", float(one.values[row]), unit

@@ -57,7 +57,7 @@ def batched(
     Options:
         devices: devices to share the cases out to, such as ``jax.devices()`` (with
             `jax.distributed` those of all processes, which all have to make the call); None, the
-            default, for no sharing. The result stays spread over the devices.
+            default, for no sharing. The result stays distributed over the devices.
 
     Returns:
         A function of the same arguments with a leading axis [n_case].
@@ -89,9 +89,9 @@ def batched(
         avals = jax.tree.map(jax.typeof, cases)
         one = jax.tree.map(lambda x: x.update(shape=x.shape[1:]), avals)
         traced = trace_function(function, *one)
-        if devices is not None or not _are_numbers(cases) or not is_untransformed():
+        if devices is not None or not _are_concrete_arrays(cases) or not is_untransformed():
             key = traced.equations, *options
-            return _within_program.find(key, lambda: _make_run(*options))(traced, *cases)
+            return _within_program.find(key, lambda: _mapped_function(*options))(traced, *cases)
         workers = 1
         _, size = _equal_chunks(count, _cases_at_once(chunk))
         if are_loops_fused():
@@ -107,15 +107,19 @@ def batched(
 
 @as_program
 def _map_cases(function, *cases):
-    """Return the results of all cases at once."""
+    """Return ``jax.vmap(function)(*cases)``, the results of all cases at once; a program."""
     return jax.vmap(function)(*cases)
 
 
-def _make_run(chunk, devices):
-    """Return the function of a `TracedFunction` and cases, for a call within another program."""
+def _mapped_function(chunk, devices):
+    """Return the function ``run(function, *cases)`` that maps a `TracedFunction` over all cases.
+
+    It serves for calls within another program, or with several devices: chunks are a loop.
+    Arguments are those of `batched`, `devices` a tuple or None.
+    """
 
     def share(function, *cases):
-        """The cases of one device."""
+        """Return the results of the cases of one device, chunk by chunk."""
         count = _count_cases(cases)
         chunks, size = _equal_chunks(count, _cases_at_once(chunk))
         if chunks == 1:
@@ -150,7 +154,10 @@ _within_program = KnownPrograms()
 
 
 def _cases_at_once(chunk):
-    """Return how many cases are solved at once if the user says `chunk`; None for all."""
+    """Return how many cases are solved at once; None for all.
+
+    It is the user's `chunk`; if that is None, 64 on a CPU where loops are not fused, else all.
+    """
     if chunk is not None or are_loops_fused() or jax.default_backend() != "cpu":
         return chunk
     return _CHUNK
@@ -163,7 +170,10 @@ def _equal_chunks(count, most):
 
 
 def _map_chunks(program, cases, size, workers):
-    """Call a program for chunks of `size` cases, in threads if several; return joined results."""
+    """Call `program` for chunks of `size` cases, and return the joined results, [n_case, ...].
+
+    With several `workers` as many threads call it. The last chunk is padded (`_pad_cases`).
+    """
     cases = jax.tree.map(np.asarray, cases)
     count = _count_cases(cases)
 
@@ -181,8 +191,8 @@ def _map_chunks(program, cases, size, workers):
     return jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)[:count]), *parts)
 
 
-def _are_numbers(cases):
-    """Return whether all leaves are arrays that NumPy has, too: not traced, no random keys."""
+def _are_concrete_arrays(cases):
+    """Return whether all leaves are arrays that NumPy can hold: not traced, no random keys."""
     return not any(
         isinstance(leaf, jax.core.Tracer)
         or jnp.issubdtype(jnp.result_type(leaf), jax.dtypes.extended)

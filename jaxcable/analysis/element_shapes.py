@@ -63,13 +63,19 @@ class ElementShapes:
         return self.first + jnp.where(self.hangs, hung, part * (self.last - self.first))
 
     def tangent(self, part: Scalar) -> Float[Array, " 3"]:
-        """Return a vector along the tangent of one element at `part` of its length, [3]."""
+        """Return a vector along the tangent of one element, [3], not of length 1.
+
+        It is the tension, N, at `part` (0 to 1) of the unstressed length of a catenary, directed to
+        the last end; of a straight element the chord, m.
+        """
         return self.pull - part * self.load
 
     def highest_part(
         self, direction: Float[Array, " 3"], low: Scalar, high: Scalar
     ) -> Float[Array, ""]:
-        """Return where, between the parts `low` and `high`, one element is farthest along a vector.
+        """Return where one element is farthest along the vector `direction`.
+
+        The place is a part of the unstressed length (0 to 1), between `low` and `high`.
 
         Exact: ``direction @ T(s)`` is linear along the element and zero there, or this is an end.
         """
@@ -154,7 +160,7 @@ def shapes_of_groups(
     Raises:
         ValueError: not a state, or of another structure.
     """
-    known = known_results(structure, state)
+    known = results_of_state(structure, state)
     pulls = items_per_group(structure, (known.results or {}).get(END_PULL.name))
     present = items_per_group(structure, known.present)
     lengths = items_per_group(structure, known.rest_length)
@@ -181,8 +187,8 @@ def _shapes_of_groups(groups, positions, *parts):
     return found
 
 
-def known_results(structure: Structure, state: StateOrPhase) -> Results:
-    """Return the results of a state: the last one of a `Solution`; others are returned as they are.
+def results_of_state(structure: Structure, state: StateOrPhase) -> Results:
+    """Return the `Results` of a state after checks: ``.last`` of a `Solution`, others as they are.
 
     Raises:
         ValueError: not a state, or of another structure.
@@ -265,7 +271,7 @@ def map_shapes(function: Callable[..., Any], shapes: ElementShapes, *others: PyT
 
 @functools.partial(as_program, static=("function",))
 def _map_shapes(shapes, *others, function):
-    """Return ``function(shape, *others)`` for every element."""
+    """Return ``function(shape, *others)`` for every element, by vmap over all axes; a program."""
     for _ in range(shapes.rest_length.ndim):
         function = jax.vmap(function, in_axes=(0, *(None,) * len(others)))
     return function(shapes, *others)

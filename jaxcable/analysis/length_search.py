@@ -23,7 +23,7 @@ _MAX_STEPS = 40  # analyses; a mast whose guys nearly let it sway takes 7
 _LONGEST_STEP = 0.2  # of logarithms of lengths
 
 
-def search(
+def newton_search(
     evaluate: Callable[[Float[np.ndarray, " n"]], tuple[Any, Any, Any]],
     guess: Float[np.ndarray, " n"],
     tol: Float[np.ndarray, ""],
@@ -64,22 +64,28 @@ def search(
 
 @as_program
 def _newton_step(jacobian, errors):
-    """Return Newton's step, [n]."""
-    return linear.solve_general(_with_idle_unknowns(jacobian), -errors)[0]
+    """Return the step ``-J^-1 errors`` of the unknowns, [n]; zero for those of absent cables.
+
+    The Jacobian J, [n, n], has zero rows and columns for them; a program.
+    """
+    return linear.solve_general(_add_ones_for_absent_cables(jacobian), -errors)[0]
 
 
 def solve_dense(
     _: object, function: Callable[[Array], Array], rhs: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """Return the vector of which a linear `function` is `rhs`, for an implicit root."""
+    """Return x [n] with ``function(x) = rhs`` for a linear `function`, by its dense matrix.
+
+    The first argument, parameters, is not needed (see `TangentSolver`).
+    """
     matrix = jax.vmap(function, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
-    return linear.solve_general(_with_idle_unknowns(matrix), rhs)[0]
+    return linear.solve_general(_add_ones_for_absent_cables(matrix), rhs)[0]
 
 
-def _with_idle_unknowns(matrix):
-    """Return a matrix with ones for the unknowns of cables that are not there: nothing moves them.
+def _add_ones_for_absent_cables(matrix):
+    """Return a square matrix with 1 on the diagonal where its row and its column are zero.
 
-    Their rows and columns are zero.
+    These are the unknowns of cables that are absent in all phases; their solution is then zero.
     """
     idle = jnp.all(matrix == 0, axis=0) & jnp.all(matrix == 0, axis=1)
     return matrix + jnp.diag(idle.astype(matrix.dtype))

@@ -14,7 +14,7 @@ from ..common.tree import copy_with, entry, merge_indices, select_tree, split_in
 from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState
@@ -66,7 +66,7 @@ class PhaseOutcome(NamedTuple):
     last_output: ElementOutput | None
     path: Path
     log: Float[Array, "n_inc 10"]
-    factored: FactoredMatrix | None
+    factored: FactorRecord | None
     points: ConvergedPoints | None
 
 
@@ -181,7 +181,7 @@ def _solve_by_newton(
             last_output = copy_with(last_output, by_name=results)
         else:
             seen, _, memory, x = _replay_increments(ramp, factors, xs, good, True)
-            last_output = _last_entry(seen, good)
+            last_output = _entry_of_last_good(seen, good)
         point = x, x, None
         if differentiate_path:
             seen, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
@@ -234,7 +234,7 @@ def _last_converged_factor(good, count, dtype):
 
 
 def _evaluate_path_output(system, x):
-    """Evaluate the element results at motion `x` that are kept for every increment."""
+    """Return the `ElementOutput` at motion `x` with the results that every increment keeps."""
     return evaluate_output(system, x).increment_results
 
 
@@ -285,11 +285,14 @@ def _replay_to_end(problem):
     """
     ramp, factors, xs, good = merge_indices(*problem)
     seen, _, memory, last = _replay_increments(ramp, factors, xs, good, True)
-    return last, memory, _last_entry(seen, good).by_name
+    return last, memory, _entry_of_last_good(seen, good).by_name
 
 
-def _last_entry(stacked, good):
-    """Return the entry of the last good increment of a tree of stacked arrays, or the first one."""
+def _entry_of_last_good(stacked, good):
+    """Return the entry of the last converged increment of a pytree of arrays [n_inc, ...].
+
+    `good` says which increments have converged, [n_inc] bool; the first entry if none has.
+    """
     return entry(stacked, jnp.maximum(jnp.sum(good), 1) - 1)
 
 

@@ -32,7 +32,11 @@ def _default_method():
 
 
 def check_method(structure: Structure, method: Any) -> Newton | Incremental:
-    """Check the method of an analysis; return it, or Newton's method if it is None."""
+    """Return the method of an analysis after checks, or `Newton` with its defaults if it is None.
+
+    Raises:
+        ValueError: not a method; or one by secant stiffness, which a group of elements lacks.
+    """
     method = _default_method() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(
@@ -49,7 +53,7 @@ def check_method(structure: Structure, method: Any) -> Newton | Incremental:
 
 
 def _is_secant(method):
-    """Return whether a method uses the secant stiffness."""
+    """Return whether a method is `Incremental` with ``stiffness="secant"``."""
     return isinstance(method, Incremental) and method.stiffness == "secant"
 
 
@@ -62,7 +66,7 @@ def _describe_wrong_method(method):
     return checks.describe_type(method, "Newton()")
 
 
-def require_tangent(
+def refuse_secant_with_followers(
     method: Newton | Incremental, phases: Sequence[Phase], followed: bool, earlier: int = 0
 ) -> None:
     """Raise ValueError for follower loads with the secant scheme, which has no tangent stiffness.
@@ -195,7 +199,10 @@ def check_supports(
 
 
 def _fixed_in_phase(structure, supports):
-    """Return `FixedDofs` under the supports of a phase; error messages begin with "supports"."""
+    """Return the degrees of freedom that `supports` fix, `FixedDofs`.
+
+    ValueError, whose message begins with "supports", if they do not fit the structure.
+    """
     try:
         return structure.fixed(supports)
     except ValueError as error:

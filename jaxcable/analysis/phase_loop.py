@@ -14,7 +14,7 @@ from ..common.progress import report_increment
 from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..numerics import implicit, scaled
@@ -157,7 +157,7 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
 
 
 def _zeros_like_result(function):
-    """Return zeros in the shape of the result of ``function()``, which is not computed."""
+    """Return a pytree of zeros in shapes and dtypes of ``function()``, which is not evaluated."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
@@ -196,7 +196,7 @@ class _LoopState:
     code: Int[Array, ""]
     stable: Bool[Array, ""]
     restart: RestartState
-    factored: FactoredMatrix | None
+    factored: FactorRecord | None
     reached: LastConvergedIncrement
     last_output: ElementOutput | None
 

@@ -245,7 +245,10 @@ class PhaseResults(Sequence[PhaseResult]):
 
 
 def _index_tree(tree, at):
-    """Index every array of a tree with `at`; an array that occurs twice is indexed once."""
+    """Return a pytree with ``x[at]`` for every array x, of NumPy where x is.
+
+    An array that occurs twice is indexed once.
+    """
     found = {}
 
     def take(x):
@@ -257,12 +260,18 @@ def _index_tree(tree, at):
 
 
 def _load_factors(np, log):
-    """Return the load factors 1/n, 2/n, ..., 1 of n increments, in the shape of their log."""
+    """Return the load factors 1/n, 2/n, ..., 1 of n increments, [..., n].
+
+    `np` is the module to compute with, `log` that of the increments, [..., n, 10].
+    """
     count = log.shape[-2]
     return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
 
 
 def _relative_residuals(np, log):
-    """Return residuals over the forces that they are compared with, from the log of increments."""
+    """Return ``residual / scale`` of increments, [..., n], from their `log`, [..., n, 10].
+
+    It is the residual itself where the scale is zero; `np` is the module to compute with.
+    """
     scale = log[..., LOG_COLUMNS.index("scale")]
     return log[..., LOG_COLUMNS.index("residual")] / np.where(scale > 0, scale, 1.0)

@@ -33,14 +33,14 @@ from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
 from ..programs.program_calls import as_program
 from ..spaces import space_of
-from ..spaces.dof_map import make_dof_map, with_assembly
+from ..spaces.dof_map import make_dof_map, with_assembly_maps
 from .absent_elements import refuse_absent_elements, warn_of_idle_loads
-from .activation import attached_phases, make_activation
+from .activation import attached_placement_mask, make_activation
 from .phase_checks import (
     check_loads,
     check_method,
     check_supports,
-    require_tangent,
+    refuse_secant_with_followers,
     warn_of_free_ends,
     without_amplitudes,
 )
@@ -124,7 +124,7 @@ def prepare(
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
     followed = restart is not None and any(stack.follows for stack in restart.loads)
-    require_tangent(method, phases, followed, earlier)
+    refuse_secant_with_followers(method, phases, followed, earlier)
     bundled = bundles.join_groups(groups)
     convex = to_end and isinstance(method, Newton) and _is_always_convex(bundled, everything)
     numbered = _numbering_function(structure, method, everything, bundled, bundles, convex)
@@ -135,7 +135,7 @@ def prepare(
     if presence is not None:
         presence = refuse_absent_elements(structure, phases, statements, presence, earlier)
         warn_of_idle_loads(without_amplitudes(along), presence, earlier)
-        presence, attached = presence.on_bundles(bundles), attached_phases(phases)
+        presence, attached = presence.on_bundles(bundles), attached_placement_mask(phases)
         idle = presence.inactive_dofs(structure, bundled)
     _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
     if any(concerns_weight(phase) for phase in phases):
@@ -150,7 +150,7 @@ def prepare(
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
         statements=stack_statements(
-            [_with_jacks(structure, of_phase) for of_phase in statements], bundles
+            [_end_tensions_as_jacks(structure, of_phase) for of_phase in statements], bundles
         ),
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
@@ -176,7 +176,10 @@ def prepare(
 
 @as_program
 def _take_rows(nodes, rows):
-    """Return rows of nodes: a program, since XLA would compile each operation of its derivative."""
+    """Return ``nodes[rows]``, [n_row, 3], m.
+
+    It is a program, since XLA would compile each operation of its derivative.
+    """
     return nodes[rows]
 
 
@@ -198,8 +201,11 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
             phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
 
 
-def _with_jacks(structure, statements):
-    """Return `statements` by group; an end tension of a straight element becomes that of a jack."""
+def _end_tensions_as_jacks(structure, statements):
+    """Return statements with the end tensions of straight elements as forces of jacks.
+
+    `statements` has, for each group, a dict from name to `StatedValues`; so has the result.
+    """
     return [
         own if isinstance(group, Sagging) else end_tension_as_jack(own)
         for group, own in zip(structure.groups, statements, strict=True)
@@ -236,7 +242,7 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
         found = make_dof_map(fixed, rows, coupled, *settings)
         ends = tuple(group.links for group in groups)
         return (
-            with_assembly(found, ends, rows is None and not space.rotates)
+            with_assembly_maps(found, ends, rows is None and not space.rotates)
             if are_loops_fused()
             else found
         )

@@ -59,10 +59,10 @@ def attach_recalled_derivative(
     return tree.unflatten(leaves)
 
 
-def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
-    """Return the arguments of an analysis without derivatives; None if they are not known.
+def known_arguments(core: PyTree[Any]) -> PyTree[Any] | None:
+    """Return the arguments `core` of an analysis as known numbers, without derivatives.
 
-    They are known where a derivative is taken outside of `jit`.
+    None if no derivative is being taken, or if it is taken within `jit`, where none are known.
     """
     if not internals.is_differentiating():
         return None
@@ -72,7 +72,7 @@ def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
 
 
 def without_derivatives(core: PyTree[Any]) -> PyTree[Any]:
-    """Return the arguments of an analysis with no derivatives of their own."""
+    """Return a pytree of arguments with derivatives stopped (zero) where it is traced."""
 
     def without(x):
         return lax.stop_gradient(x) if isinstance(x, jax.core.Tracer) else x

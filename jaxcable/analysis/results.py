@@ -122,7 +122,11 @@ def result_fields(part: Results) -> dict[str, Any]:
 def fields_of_element_results(
     found: dict[str, list[Float[Array, " ..."] | None]],
 ) -> dict[str, Any]:
-    """Sort element results, a dict by name, into a dict by field of `ElementResults`."""
+    """Sort results of elements by the field of `ElementResults` that holds them: return a dict.
+
+    `found` has, for each name of a result, a list with an array per group. Results without a field
+    of their own are a dict in the field `results`.
+    """
     fields = {field: found[name] for name, field in _FIELD_OF_RESULT.items() if name in found}
     others = {name: values for name, values in found.items() if name not in _FIELD_OF_RESULT}
     return fields | {"results": others}

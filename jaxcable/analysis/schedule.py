@@ -164,7 +164,10 @@ def stack_nodal_loads(
 
 
 def _array_of_load(load, method, zero):
-    """Return what a `method` of a load gives, in the shape of `zero`; ValueError if it cannot."""
+    """Return the array that a `method` of a load, by its name, gives in shape and dtype of `zero`.
+
+    ValueError, which names load and method, if an index of the load is out of range.
+    """
     try:
         return getattr(load, method)(zero.shape, zero.dtype)
     except IndexError as error:  # of a load that somebody has written

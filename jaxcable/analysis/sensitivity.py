@@ -90,7 +90,7 @@ class MeasuredAnalysis:
         solution, points = analyse(
             *core(values), differentiate_path=False, listen=None, bundles=bundles
         )
-        wanted = _float_results_of_phases(solution, self.names)
+        wanted = _indices_of_float_results(solution, self.names)
         every_result = jax.tree.leaves(solution)
         known = [every_result[k] for k in wanted]
 
@@ -134,12 +134,15 @@ def _arguments_of_compiled_analysis(task):
 
 
 def _results_by_name(phases, names):
-    """Return the results `names` at the ends of phases, and where the phases began, as a pair."""
+    """Return the results `names` at the ends of phases, a dict, and `PhaseResults.moved_before`."""
     return {name: getattr(phases.ends, name) for name in names}, phases.moved_before
 
 
-def _float_results_of_phases(solution, names):
-    """Return indices of the float arrays `_take_out_float_results` takes, among all leaves."""
+def _indices_of_float_results(solution, names):
+    """Return the indices of float results of phases among all leaves of a `Solution`, a tuple.
+
+    They are those that `_take_out_float_results` takes: float arrays among the results `names`.
+    """
     leaves, tree = jax.tree.flatten(solution)
     phases = tree.unflatten(range(len(leaves))).phases
     places = jax.tree.leaves(_results_by_name(phases, names))

@@ -18,7 +18,7 @@ from .as_built import topples_under_jacks, with_lengths_as_built
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import attach_recalled_derivative, known_numbers
+from .recalled_derivative import attach_recalled_derivative, known_arguments
 from .solution import Solution, State
 from .states import arrange_solution
 
@@ -94,7 +94,7 @@ def solve(
         task = task._replace(code=_first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
-    known = known_numbers(core) if iterates else None
+    known = known_arguments(core) if iterates else None
     solution, points = analyse(
         *(known or core),
         differentiate_path=differentiate_path,
@@ -133,9 +133,9 @@ def phases_with_lengths(
 
     Arguments are as of `solve`; `straight` and the result are of `as_built.with_lengths_as_built`.
     """
-    return with_lengths_as_built(structure, phases, method, start, _run, straight)
+    return with_lengths_as_built(structure, phases, method, start, _solve_plain_phases, straight)
 
 
-def _run(structure, phases, method, start):
-    """Return the solution of phases in which nothing is stated as built."""
+def _solve_plain_phases(structure, phases, method, start):
+    """Return `solve` of phases in which nothing is stated as built, a `Solution`."""
     return solve(structure, phases, method, start=start)

@@ -101,8 +101,10 @@ def statement_path(name: str) -> str:
     return name if name in STATEMENTS else f"own[{name!r}]"
 
 
-def are_as_built(phase: Any, hangs: bool = True) -> bool:
-    """Return whether a phase may state something as built; `hangs` says that there are catenaries.
+def may_state_as_built(phase: Any, hangs: bool = True) -> bool:
+    """Return whether a phase may state as-built prestress, for which lengths have to be found.
+
+    `hangs` says whether the structure has catenaries.
 
     The `jacking` of straight elements is a force that they keep, and nothing has to be found.
     """
@@ -116,7 +118,10 @@ def concerns_weight(phase: Any) -> bool:
 
 
 def end_tension_as_jack(own: dict[str, StatedValues]) -> dict[str, StatedValues]:
-    """Return the statements of straight elements, whose end tension is that of a jack, as such."""
+    """Return the statements of a group of straight elements with "end_tension" as "jacking".
+
+    `own` is a dict from name to `StatedValues`; both statements are joined if there are both.
+    """
     if "end_tension" not in own:
         return own
     found = {name: stated for name, stated in own.items() if name != "end_tension"}
@@ -129,7 +134,10 @@ def end_tension_as_jack(own: dict[str, StatedValues]) -> dict[str, StatedValues]
 
 
 def _values_by_group(given, structure, name, path):
-    """Return what is `given` for a statement as a list with an item per group, None without."""
+    """Assign what is `given` for the statement `name` to the groups: an item per group, or None.
+
+    ValueError, which begins with `path`, if no group has the statement, or keys are unknown.
+    """
     groups = structure.groups
     if name not in STATEMENTS:
         _require_known_statement(name, path, groups)
@@ -141,7 +149,7 @@ def _values_by_group(given, structure, name, path):
 
 
 def _is_sag(given):
-    """Return whether a value has the `midspan` of a `results.Sag`."""
+    """Return whether a value that a user gives is a `results.Sag` (it has a `midspan`)."""
     return hasattr(given, "midspan")
 
 
@@ -231,7 +239,11 @@ def _check_statement(
 
 
 def _expand_to_elements(value, group, name, path):
-    """Return the value of a statement for a group as `StatedValues`; see `_check_statement`."""
+    """Expand the value of a statement to all elements of a group, as `StatedValues`.
+
+    It may be one number, numbers [n_elem] (with components [n_elem, n_component]), or `Only`.
+    ValueError, which begins with `path`, for other shapes.
+    """
     count, components = len(group.links), components_of(group, name)
     chosen = None
     if isinstance(value, Only):

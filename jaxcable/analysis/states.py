@@ -47,7 +47,10 @@ class LastConvergedIncrement:
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
     def updated(self, data: PhaseData, factor: Float[Array, ""]) -> LastConvergedIncrement:
-        """Return the value after a phase that reached `factor`; unchanged if that is 0."""
+        """Return the last converged increment after a phase that reached the load factor `factor`.
+
+        It is unchanged if that is 0: no increment of the phase has converged. `data` is the phase.
+        """
         held = {name: getattr(data.dof_map, name) for name in self.held}
         new = LastConvergedIncrement(data.number, factor, held)
         return select_tree(factor > 0, new, self)
@@ -99,8 +102,8 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
     if marks is not None:
         reactions = reactions + marks.of_forces
         if system.followers is not None or any(group.slides for group in groups):
-            load = load + _marks_beside(system, marks.of_rows)[:, None]
-        found = _with_marks(system, marks, found)
+            load = load + _add_marks_of_neighbors(system, marks.of_rows)[:, None]
+        found = _add_derivative_marks(system, marks, found)
     reactions, load = summed(reactions), summed(load)
     return State(
         displacement=displacement,
@@ -119,19 +122,29 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
 
 
 def _marks_of_elements(system, marks):
-    """Return marks of rows, [n_row], summed over the ends of elements, [n_elem] per group."""
+    """Return the sums of `marks` of rows, [n_row], over the ends of elements, [n_elem] per group.
+
+    Marks are zeros whose derivative may be NaN (`numerics.implicit.DerivativeMarks`).
+    """
     return [jnp.sum(at, axis=1) for at in system.gather_at_ends(marks)]
 
 
-def _marks_beside(system, marks):
-    """Return marks of rows, [n_row], with those of the rows that share an element with them."""
+def _add_marks_of_neighbors(system, marks):
+    """Return `marks` of rows plus those of rows that an element joins to them, [n_row]."""
     pairs = zip(_marks_of_elements(system, marks), system.groups, strict=True)
     ends = [jnp.broadcast_to(mark[:, None], group.links.shape) for mark, group in pairs]
     return marks + system.sum_at_rows(ends)
 
 
-def _with_marks(system, marks, found):
-    """Return results of elements by name, [n_elem, ...] or None per group, with their marks."""
+def _add_derivative_marks(system, marks, found):
+    """Add marks to results of elements, so that derivatives are NaN where they are not defined.
+
+    Args:
+        system: the system of the results.
+        marks: `DerivativeMarks`. Results in N get `of_forces`, others the marks of all ends of the
+            element.
+        found: results by name, a list with [n_elem, ...] or None per group; so is what is returned.
+    """
     declared, of_elements = system.results(), _marks_of_elements(system, marks.of_rows)
     marked = {}
     for name, parts in found.items():
@@ -145,7 +158,10 @@ def _with_marks(system, marks, found):
 
 
 def _acting_loads(system, motion):
-    """Return all loads on every row, [n_row, n_freedom], also those that slide along ropes."""
+    """Return all loads on every row, [n_row, n_freedom], N and N m.
+
+    Those that slide along cables over several nodes act where they are at `motion`.
+    """
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:

@@ -93,15 +93,15 @@ class Action:
                     "removes: expected booleans [n_elem], by group, and neither names nor only(): "
                     "the cases of a batch differ in them"
                 )
-        if not self.has_parts and not self.in_phases:
+        if not self.has_effects and not self.in_phases:
             raise ValueError(
                 f"{self.name!r} has no loads and no changes; give some, or in_phases=True if the "
                 "phases before the cases apply it"
             )
 
     @property
-    def has_parts(self) -> bool:
-        """Whether there is something that a case can add: loads, changes, or lost elements."""
+    def has_effects(self) -> bool:
+        """Whether the action has loads, a temperature, a shortening or lost elements to apply."""
         parts = self.loads, self.temperature, self.shortening, self.removes
         return any(part is not None and not (isinstance(part, list) and not part) for part in parts)
 

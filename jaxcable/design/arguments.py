@@ -56,14 +56,21 @@ def require_structure(structure: Any) -> None:
 
 
 def result_of_phase(solution: Any, phase: int) -> Any:
-    """Return `solution.phases[phase]`; raise ValueError if there is no phase of this number."""
+    """Return `solution.phases[phase]`; negative indices count from the last phase.
+
+    Raises ValueError if there is no phase with this index.
+    """
     require_result(solution, "phases")
     require_phase_index(phase, len(solution.phases), -len(solution.phases))
     return solution.phases[phase]
 
 
 def require_phase_index(phase: Any, count: int, least: int = 0) -> None:
-    """Raise ValueError unless `phase` is an integer with ``least <= phase < count``."""
+    """Raise ValueError unless `phase` is an integer with ``least <= phase < count``.
+
+    `count` is the number of phases; `least` is 0, or ``-count`` where indices may count from
+    the end.
+    """
     whole = isinstance(phase, int | np.integer) and not isinstance(phase, bool)
     if not whole or not least <= phase < count:
         raise ValueError(f"phase = {phase!r}: there are phases 0 to {count - 1}")

@@ -46,10 +46,10 @@ class BoxBounds:
     def norm_per_array(
         self, norm: Callable[[Float[np.ndarray, " m"]], float], x: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Return, for every parameter, the norm of that array of parameters which contains it, [n].
+        """Return a norm of every array of parameters, repeated for each of its entries, [n].
 
-        `x` has all arrays as one flat vector, [n]; `norm` is a function of one array, [m], to a
-        number.
+        `x` has all arrays as one flat vector, [n]; `norm` is a function of one array, [m],
+        to a number.
         """
         parts = np.split(x, np.cumsum(self.counts)[:-1])
         return np.concatenate([np.full_like(part, norm(part)) for part in parts])
@@ -69,10 +69,10 @@ class BoxBounds:
         return np.where(start > 0, start, np.where(bound > 0, bound, np.ones_like(bound)))
 
     def input_status(self, start: Float[np.ndarray, " n"], tol: Float[ArrayLike, ""]) -> int:
-        """Return the status of what a search starts with, which may have been traced.
+        """Return the status of the input of a search, which may have been traced and so unchecked.
 
-        It is OUTSIDE if the start [n] violates the bounds or these cross each other, INVALID_INPUT
-        if the tolerance is not valid, else OK.
+        It is OUTSIDE if the start [n] violates the bounds or these cross each other,
+        INVALID_INPUT if the tolerance is not valid, else OK.
         """
         if not is_valid_tolerance(tol):
             return status.INVALID_INPUT
@@ -208,16 +208,17 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
 
 
 def flat_vector(tree: PyTree[Float[ArrayLike, " ..."]]) -> Float[ArrayLike, " n"]:
-    """Return all numbers of a pytree as one array [n], one array of it after the other.
+    """Return all numbers of a pytree as one array [n], one array of the tree after the other.
 
-    That of known numbers is joined by NumPy: nothing is compiled.
+    Known numbers give an array of NumPy, so that nothing is compiled; traced ones an array of
+    jax.
     """
     xp = checks.numpy_or_jax(tree)
     return xp.concatenate([xp.ravel(x) for x in jax.tree.leaves(tree)])
 
 
 def entry_names(params: PyTree[Float[ArrayLike, " ..."]]) -> list[str]:
-    """Return the name of every number of a pytree, [n], as a user writes it: ``['stays'][0]``."""
+    """Return a label for every number of a pytree, [n], as a user indexes it: ``['stays'][0]``."""
     return [
         jax.tree_util.keystr(path) + "".join(f"[{k}]" for k in index)
         for path, leaf in jax.tree_util.tree_leaves_with_path(params)

@@ -28,9 +28,9 @@ from .check import (
     UTILIZATION,
     OnElements,
     Terms,
-    doubt,
-    in_cases,
     largest_forces,
+    values_in_cases,
+    warn_if_unusual,
 )
 from .result_envelopes import extreme_cases
 
@@ -40,7 +40,7 @@ _FATIGUE_UNITS = {"lowest F": "N", "highest F": "N", "A": "m2", "range": "Pa", "
 
 @dataclasses.dataclass(frozen=True)
 class _OnCables(OnElements):
-    """Base of checks of elements with tension only that have a `strength`."""
+    """Base of checks of tension-only elements with a `strength`, the minimum breaking force, N."""
 
     requirement: ClassVar[str] = (
         "have no strength, the minimum breaking force in N, or are no cables; give strength=..."
@@ -55,7 +55,7 @@ class _OnCables(OnElements):
         return bool(group.tension_only) and group.strength is not None
 
     def left_out(self, structure: Structure) -> str:
-        """Return which cables are not checked because they have no strength; "" if none."""
+        """Return a text that names unchecked groups of cables, without a strength; "" if none."""
         if self.elements is not None:
             return ""
         names = [
@@ -65,8 +65,13 @@ class _OnCables(OnElements):
         ]
         return f"cables {', '.join(names)} {self.requirement}" if names else ""
 
-    def _rated(self, structure, solution, resistance, factor):
-        """Return the terms force, breaking force with its loss factor, resistance, utilization."""
+    def _rating(self, structure, solution, resistance, factor):
+        """Return the terms of a check, [n_item] each, by name; NaN where the case has failed.
+
+        "F_Ed" is the largest axial force, N, "F_uk" the breaking force times the loss
+        factor `factor`, N, "F_Rd" the given resistance, N, and the utilization is F_Ed /
+        F_Rd.
+        """
         force = largest_forces(self, structure, solution)
         return {
             "F_Ed": force,
@@ -114,19 +119,19 @@ class CableResistance(_OnCables):
         cable_resistance(1.0, self.proof_force, termination=self.termination, gamma_r=self.gamma_r)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave."""
+        """Return the factors and forces that the user gave, by the labels that a report shows."""
         proof = "not checked" if self.proof_force is None else self.proof_force
-        return {"k_e": _factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
+        return {"k_e": _named_factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return force, resistance and utilization of each cable."""
+        """Return F_Ed, F_uk, F_Rd, N, and the utilization F_Ed / F_Rd in one case, [n_item]."""
         resistance = cable_resistance(
             self.strengths(structure),
             self.proof_force,
             termination=self.termination,
             gamma_r=self.gamma_r,
         )
-        return self._rated(structure, solution, resistance, termination_factor(self.termination))
+        return self._rating(structure, solution, resistance, termination_factor(self.termination))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,20 +169,20 @@ class CableService(_OnCables):
         if isinstance(self.fraction, str):
             checks.require_one_of(self.fraction, "fraction", list(SERVICE_FRACTIONS))
 
-    def _number(self):
-        """Return the limit over the breaking force."""
+    def _limit_ratio(self):
+        """Return the limit of the force in service over the breaking force, -."""
         given = self.fraction
         return SERVICE_FRACTIONS[given] if isinstance(given, str) else given
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers that the user gave."""
-        return {"fraction": self._number(), "k_e": _factor(self.termination)}
+        """Return the factors and forces that the user gave, by the labels that a report shows."""
+        return {"fraction": self._limit_ratio(), "k_e": _named_factor(self.termination)}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return force, limit and utilization of each cable."""
+        """Return force, breaking force and service limit, N, and the utilization, [n_item] each."""
         factor = termination_factor(self.termination)
-        limit = self._number() * factor * self.strengths(structure)
-        return self._rated(structure, solution, limit, factor)
+        limit = self._limit_ratio() * factor * self.strengths(structure)
+        return self._rating(structure, solution, limit, factor)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,14 +218,14 @@ class CableSafety(_OnCables):
         termination_factor(self.termination)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers that the user gave."""
-        return {"factor": self.factor, "k_e": _factor(self.termination)}
+        """Return the factors and forces that the user gave, by the labels that a report shows."""
+        return {"factor": self.factor, "k_e": _named_factor(self.termination)}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return force, resistance and utilization of each cable."""
+        """Return force, breaking force, that over the factor of safety, N, and the utilization."""
         factor = termination_factor(self.termination)
         resistance = factor * self.strengths(structure) / jnp.asarray(self.factor)
-        return self._rated(structure, solution, resistance, factor)
+        return self._rating(structure, solution, resistance, factor)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -272,15 +277,15 @@ class CableFatigue(_OnCables):
     def __post_init__(self):
         super().__post_init__()
         cable_fatigue_strength(self.category, self.cycles)
-        doubt("category", self.category, 1e6, 2e9, "is the range in Pa?")
-        doubt("area", self.area, 0.0, 1.0, "is the area in m2?")
+        warn_if_unusual("category", self.category, 1e6, 2e9, "is the range in Pa?")
+        warn_if_unusual("area", self.area, 0.0, 1.0, "is the area in m2?")
 
     def is_meant_for(self, group: Element) -> bool:
         """Return whether the elements have tension only, and an area."""
         return bool(group.tension_only) and not (self.area is None and group.area is None)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers that the user gave."""
+        """Return fatigue category, cycles and partial factors, by the labels of a report."""
         unit, number = "Pa", self.category
         if isinstance(number, str):
             unit, number = "MPa", f"{FATIGUE_CATEGORIES[number] / 1e6:g} ({number})"
@@ -292,7 +297,10 @@ class CableFatigue(_OnCables):
         }
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return the force and the area of each cable; `over_cases` makes the utilization."""
+        """Return the tension, N, as "utilization", and the area, m2, [n_item] each, of one case.
+
+        A range needs all cases: `over_cases` replaces the tension by the utilization.
+        """
         given = [one.area if self.area is None else self.area for one in structure.groups]
         areas = [
             None if area is None else jnp.broadcast_to(jnp.asarray(area), len(one.links))
@@ -300,17 +308,25 @@ class CableFatigue(_OnCables):
         ]
         force = largest_forces(self, structure, solution)
         # the sum makes the area NaN where the case has failed, as the force is
-        return {UTILIZATION: force, "area": self.taken(structure, areas) + 0.0 * force}
+        return {UTILIZATION: force, "area": self.values_of_checked(structure, areas) + 0.0 * force}
 
     def over_cases(
         self, terms: dict[str, Float[Array, "n_case n_item"]]
     ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
-        """Return the range, its resistance and the utilization, and the two cases."""
+        """Return the stress range between the cases of extreme forces, and its utilization.
+
+        Args:
+            terms: tension, N, as "utilization", and area, m2, in all cases, [n_case, n_item].
+
+        Returns:
+            Terms [n_item] by name: extreme forces, area, range and its resistance, Pa, utilization;
+            indices of the cases with the highest forces, and of those with the lowest.
+        """
         force = terms[UTILIZATION]
         low_case, high_case = (extreme_cases(force, sign) for sign in (-1, 1))
-        low, high = in_cases(force, low_case), in_cases(force, high_case)
+        low, high = values_in_cases(force, low_case), values_in_cases(force, high_case)
         resistance = cable_fatigue_strength(self.category, self.cycles) / self.gamma_mf
-        area = in_cases(terms["area"], high_case)
+        area = values_in_cases(terms["area"], high_case)
         stress = self.gamma_ff * (high - low) / area
         found = {
             "lowest F": low,
@@ -323,8 +339,8 @@ class CableFatigue(_OnCables):
         return found, high_case, low_case
 
 
-def _factor(termination):
-    """Return a loss factor with its name, for reports."""
+def _named_factor(termination):
+    """Return a loss factor k_e for reports: value and name as a text, or the number itself."""
     if isinstance(termination, str):
         return f"{TERMINATIONS[termination]:g} ({termination})"
     return termination

@@ -128,7 +128,10 @@ def loss_of_cable(
 
 
 def _lost_elements(elements, structure):
-    """Return which elements are lost, per group [n_elem] bool, NumPy; ValueError if wrong."""
+    """Return which elements are lost, a list of bool arrays [n_elem] of NumPy, one for each group.
+
+    Raises ValueError for unknown, traced or no elements.
+    """
     chosen = keys_as_whole_groups(elements)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(chosen)):
         raise ValueError(
@@ -148,7 +151,10 @@ def _lost_elements(elements, structure):
 
 
 def _require_groups(chosen, structure):
-    """Raise ValueError if a choice of elements does not say of which of several groups they are."""
+    """Raise ValueError if a structure has several groups, and `chosen` elements are not by group.
+
+    `chosen` is the user's choice; None, and names of groups, are by group.
+    """
     kinds = [dict] if isinstance(structure.elements, dict) else [list, tuple]
     kinds.append(type(structure.elements))
     if len(structure.groups) > 1 and chosen is not None and not isinstance(chosen, tuple(kinds)):
@@ -160,7 +166,11 @@ def _require_groups(chosen, structure):
 
 
 def _as_selection(given, where):
-    """Return indices of elements as a `Selection`; None, booleans and selections as they are."""
+    """Return the choice of elements of one group, indices as a `Selection`, else unchanged.
+
+    None, one bool, masks [n_elem] and selections pass; others raise ValueError, which names
+    `where`.
+    """
     if given is None or isinstance(given, Selection | bool | np.bool_):
         return given
     if checks.as_boolean_mask(given) is not None and np.size(given):
@@ -174,7 +184,10 @@ def _as_selection(given, where):
 
 
 def _checked_state(solution):
-    """Return the state of a solution, and 1.0, or NaN if a traced one has failed; or ValueError."""
+    """Return the last `State` of a solution, and the factor 1.0, NaN where a traced one has failed.
+
+    Raises ValueError for a batch, a solution that is known to have failed, and other objects.
+    """
     state = solution.last if isinstance(solution, Solution) else solution
     if not isinstance(state, State):
         got = checks.describe_type(solution, "solve(structure, phases)")
@@ -195,7 +208,10 @@ def _checked_state(solution):
 
 
 def _require_active(structure, state, lost):
-    """Raise ValueError if a lost element is known not to be there in the state."""
+    """Raise ValueError if an element of the masks `lost`, by group, is inactive in a state.
+
+    Traced activity is not checked.
+    """
     for (key, _), mask, own in zip(
         structure.named_groups(), lost, state.restart.states, strict=True
     ):
@@ -206,7 +222,10 @@ def _require_active(structure, state, lost):
 
 
 def _loads_of_loss(structure, state, lost, factor):
-    """Return the forces and moments that elements exert, reversed, times a factor: `NodalLoads`."""
+    """Return `NodalLoads` that replace lost elements: their end forces on nodes, reversed.
+
+    Forces, N, and moments of beams, N m, are multiplied by `factor`; `lost` has masks by group.
+    """
     split = split_solution_state(structure, state, unknowns=False)
     total = _reversed_forces(*split, lost)
     n_node, (rows, _) = structure.n_node, structure.motion_rows()
@@ -215,17 +234,20 @@ def _loads_of_loss(structure, state, lost, factor):
         forces = jnp.where(rows.inner[:, None], 0.0, forces)
         forces = jnp.zeros((n_node, 3), forces.dtype).at[rows.node_of_row].add(forces)
     pairs = list(zip(structure.groups, lost, strict=True))
-    nodes = _end_nodes(pairs)
+    nodes = _nodes_of_elements(pairs)
     loads = [NodalLoads(nodes, factor * forces[nodes])]
-    turned = _end_nodes([(group, mask) for group, mask in pairs if group.rotates])
+    turned = _nodes_of_elements([(group, mask) for group, mask in pairs if group.rotates])
     turned = turned[structure.rotating_nodes()[turned]]
     if len(turned):
         loads.append(NodalLoads(turned, np.zeros(3), factor * total[turned, 3:]))
     return loads
 
 
-def _end_nodes(pairs):
-    """Return the nodes of some elements, [n], from pairs (group, mask of its elements)."""
+def _nodes_of_elements(pairs):
+    """Return the sorted indices of all nodes that chosen elements touch, each once, [n].
+
+    `pairs` are (group, mask [n_elem] of its chosen elements).
+    """
     links = [group.links.array[mask].ravel() for group, mask in pairs]
     return np.unique(np.concatenate(links)) if links else np.zeros(0, int)
 
@@ -258,7 +280,7 @@ def _reversed_forces(
 
 
 def _default_name(structure, lost):
-    """Return a name such as "loss of stays 1, 4"."""
+    """Return the name of an action from the lost elements, masks by group: "loss of stays 1, 4"."""
     parts = []
     for (label, _), mask in zip(named_groups_of(structure), lost, strict=True):
         numbers = [str(k) for k in np.flatnonzero(mask)]

@@ -81,42 +81,46 @@ class Check(abc.ABC):
 
     @abc.abstractmethod
     def items(self, structure: Structure) -> list[str]:
-        """Return the names of what is checked, such as "stays 3", [n_item]."""
+        """Return a label of each thing that is checked, such as "stays 3", [n_item]."""
 
     @abc.abstractmethod
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return "utilization" and the terms of which it is made, by name, [n_item] each.
+        """Return "utilization", -, and the forces, resistances and so on behind it, [n_item] each.
 
-        It sees one case, under `jax.vmap`.
+        It is called for one case under `jax.vmap`: no ``if`` on numbers of the solution.
         """
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave, for reports."""
+        """Return what the user stated, numbers and texts, by labels with units such as "f_y (Pa)".
+
+        A report of the check shows them.
+        """
         return {}
 
     def left_out(self, structure: Structure) -> str:
-        """Return which elements of a structure it might be made for, and is not; "" if none."""
+        """Return a text that names elements which the check skips for lack of data; "" if none."""
         return ""
 
     def over_cases(
         self, terms: dict[str, Float[Array, "n_case n_item"]]
     ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
-        """Return the terms that govern, and the cases they come from.
+        """Return the terms of each item in its governing case, and the indices of these cases.
 
         Args:
-            terms: of all cases that count; NaN in cases that have failed.
+            terms: of all cases that count, by name; NaN in cases that have failed.
 
         Returns:
-            Terms, [n_item]; indices of the cases, [n_item]; of second cases, or None.
+            Terms, [n_item] each; indices of the governing cases, [n_item]; those of second cases,
+            [n_item], for ranges between two cases, else None.
         """
         which = extreme_cases(terms[UTILIZATION], 1)
-        return {name: in_cases(values, which) for name, values in terms.items()}, which, None
+        return {name: values_in_cases(values, which) for name, values in terms.items()}, which, None
 
 
-def in_cases(
+def values_in_cases(
     values: Float[Array, "n_case n_item"], which: Int[Array, " n_item"]
 ) -> Float[Array, " n_item"]:
-    """Return the values of each item in the case `which`, [n_item]."""
+    """Return from `values` the value of each item in its own case, of index `which`, [n_item]."""
     return jnp.take_along_axis(values, which[None], axis=0)[0]
 
 
@@ -140,13 +144,13 @@ class OnElements(Check):
 
     @abc.abstractmethod
     def is_meant_for(self, group: Element) -> bool:
-        """Return whether the check is made for the elements of a group."""
+        """Return whether the check can be made for the elements of a group."""
 
-    def chosen(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
-        """Return the indices of the groups that are checked, and of their elements.
+    def checked_elements(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
+        """Return pairs: index of a group, and indices of the elements of it that are checked.
 
-        Raises ValueError if a group is named that the check is not made for, or if no element is
-        left.
+        Raises ValueError if a group is named that the check is not made for, or if no
+        element is left.
         """
         if self.elements is None:
             masks = [np.full(len(one.links), self.is_meant_for(one)) for one in structure.groups]
@@ -168,44 +172,55 @@ class OnElements(Check):
     requirement_met: ClassVar[str] = "can be checked"
 
     def items(self, structure: Structure) -> list[str]:
-        """Return the names of the elements: group and number."""
+        """Return the labels of the checked elements, key of the group and index: "stays 3"."""
         named = named_groups_of(structure)
         return [
             f"{named[k][0] or 'element'} {number}"
-            for k, numbers in self.chosen(structure)
+            for k, numbers in self.checked_elements(structure)
             for number in numbers
         ]
 
-    def taken(self, structure: Structure, values: PyTree[Any] | Sequence[Any]) -> Array:
-        """Return values of the checked elements, [n_item, ...], from a pytree or list by group."""
+    def values_of_checked(self, structure: Structure, values: PyTree[Any] | Sequence[Any]) -> Array:
+        """Return the values of the checked elements, [n_item, ...], in the order of `items`.
+
+        `values` are arrays [n_elem, ...] of all elements: a pytree of the shape of the
+        structure's elements, or a list by group.
+        """
         parts = values if isinstance(values, list) else items_per_group(structure, values)
         return jnp.concatenate(
-            [jnp.asarray(parts[k])[numbers] for k, numbers in self.chosen(structure)]
+            [jnp.asarray(parts[k])[numbers] for k, numbers in self.checked_elements(structure)]
         )
 
     def strengths(self, structure: Structure) -> Array:
-        """Return the breaking forces of the checked elements, [n_item], N."""
+        """Return the breaking forces of the checked elements, their `strength`, [n_item], N."""
         known = [
             None if one.strength is None else jnp.broadcast_to(one.strength, len(one.links))
             for one in structure.groups
         ]
-        return self.taken(structure, known)
+        return self.values_of_checked(structure, known)
 
 
 def largest_forces(check: OnElements, structure: Structure, solution: Solution) -> Array:
     """Return the largest axial force along each checked element, [n_item], N."""
-    return check.taken(structure, solution.peak_tension)
+    return check.values_of_checked(structure, solution.peak_tension)
 
 
-def doubt(name: str, value: Any, low: float, high: float, question: str) -> None:
-    """Warn if a known number, or one of several, is outside of what is usual in SI units."""
+def warn_if_unusual(name: str, value: Any, low: float, high: float, question: str) -> None:
+    """Warn, with a `question` about the unit, if a known number is outside of `low` to `high`.
+
+    `value` may be an array, in SI units; None, texts and traced numbers pass.
+    """
     known = None if value is None or isinstance(value, str) else checks.array_if_known(value)
     if known is not None and ((known < low) | (known > high)).any():
         checks.warn_user(f"{name} = {text_of_input(value)}: {question}")
 
 
 def input_with_unit(name: str, value: Any) -> tuple[str, str]:
-    """Return an input of a check as name and text, "f_y (Pa)" in MPa and "A (m2)" in mm2."""
+    """Return label and text of an input in the unit of reports, with that unit in the label.
+
+    The label's unit in brackets is that of `value`: "f_y (Pa)" becomes "f_y (MPa)", "A (m2)"
+    mm2.
+    """
     stated, _, unit = name.rpartition(" (")
     other = _SHOWN_UNITS.get(unit.removesuffix(")"))
     known = np.asarray(value) if other and not isinstance(value, jax.core.Tracer) else None
@@ -223,7 +238,10 @@ _SHOWN_UNITS = {
 
 
 def text_of_input(value: Any) -> str:
-    """Return a number, or the range of several, as text for reports."""
+    """Return a number as text for reports; of an array its range, of other values their text.
+
+    "traced" stands for numbers that are not known.
+    """
     if isinstance(value, str) or value is None:
         return str(value)
     if isinstance(value, jax.core.Tracer):

@@ -285,7 +285,7 @@ def require_checks(
 
 
 def _list_of_checks(rules, combinations, argument="rules"):
-    """Return the checks that rules stand for, a list, and which of standards count no case."""
+    """Return the list of checks that `rules` name, and texts: checks for which no case counts."""
     several = isinstance(rules, list | tuple) and bool(rules)
     found, places, not_made = [], {}, ()
     for k, entry in enumerate(rules if several else [rules]):
@@ -311,7 +311,7 @@ def _list_of_checks(rules, combinations, argument="rules"):
 
 
 def _checks_of_standard(name, combinations):
-    """Return the checks of a standard for which cases count, and the others in words."""
+    """Return the checks of a standard that have cases, and texts that name those without."""
     found = [make() for make in RULES[name]]
     states = () if combinations is None else (*combinations.limit_states, *combinations.rules)
     known = [one for one in found if set(one.of) & set(states)]
@@ -323,7 +323,7 @@ def _checks_of_standard(name, combinations):
 
 
 def _counted_cases(check, combinations, count):
-    """Return the indices of the cases that count for a check."""
+    """Return the indices of the cases that count for a check, [n]; ValueError if none does."""
     if combinations is None or not check.of:
         return np.arange(count)
     pairs = zip(combinations.limit_states, combinations.rules, strict=True)
@@ -338,7 +338,7 @@ def _counted_cases(check, combinations, count):
 
 
 def _values_of_checks(made, counted, structure, solutions):
-    """Return for each check its terms by name, indices of cases, and utilizations of all cases.
+    """Return for each check: governing terms by name, (case, second case), values of all cases.
 
     `counted` are the indices of the cases that count, [n_counted], for each check.
     """
@@ -372,7 +372,7 @@ def _values_of_checks(made, counted, structure, solutions):
 
 
 def _result_of_check(check, of, counted, values, structure):
-    """Return the `CheckResult` of one check from its values of `_values_of_checks`."""
+    """Return the `CheckResult` of one check; `values` is its entry of `_values_of_checks`."""
     found, (which, second), every = values
     used = found.pop(UTILIZATION)
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))

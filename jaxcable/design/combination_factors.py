@@ -12,12 +12,13 @@ from .actions import Action
 from .combination_rules import ALWAYS, alternatives
 
 
-def sets_of_variables(
+def sets_of_variable_actions(
     actions: Sequence[Action], kinds: Container[str]
 ) -> Iterator[tuple[int, ...]]:
-    """Yield sets of variable actions that may act together, by their indices, the empty set first.
+    """Yield the sets of variable actions that may act together, as indices, the empty set first.
 
-    The sets respect `exclusive` and `excludes`; `needs` is a matter of the factors.
+    `kinds` are the kinds of variable actions. The sets respect `exclusive` and `excludes`;
+    `needs` is checked with the factors.
     """
     slots: dict[Any, list[int | None]] = {}
     for k, one in enumerate(actions):
@@ -30,7 +31,7 @@ def sets_of_variables(
             yield acting
 
 
-def rows_of_rule(
+def factors_of_combinations(
     actions: Sequence[Action],
     rules: Mapping[str, Any],
     rule: Mapping[str, Any],
@@ -42,7 +43,7 @@ def rows_of_rule(
         actions: of which there are n_action.
         rules: all rules, see `combination_rules`.
         rule: one of their combinations.
-        sets: sets of variable actions that may act together, by index, as `sets_of_variables`.
+        sets: sets of variable actions that may act together, of `sets_of_variable_actions`.
 
     Yields:
         Factors [n_action]; the same ones may come again.
@@ -58,12 +59,15 @@ def rows_of_rule(
                     row = always | variable
                     if k is not None:
                         row[k] = exceptional[actions[k].kind]
-                    if _keeps_conditions(actions, row):
+                    if _meets_needs_and_excludes(actions, row):
                         yield tuple(row.get(i, 0.0) for i in range(len(actions)))
 
 
 def _factors_of_permanent(actions, rule) -> Iterator[dict[int, float]]:
-    """Yield factors of permanent actions and prestress by index: each source by each factor."""
+    """Yield every choice of factors of permanent actions and prestress, a dict by index of action.
+
+    Actions of one source have the same factor; each source has each factor of the rule in turn.
+    """
     sources: dict[Any, list[int]] = {}
     for k, one in enumerate(actions):
         if one.kind in ALWAYS:
@@ -78,7 +82,10 @@ def _factors_of_permanent(actions, rule) -> Iterator[dict[int, float]]:
 
 
 def _factors_of_variables(actions, rules, rule, acting) -> Iterator[dict[int, float]]:
-    """Yield factors of the variable actions with indices `acting` by index, if all may act."""
+    """Yield factors by index of the variable actions `acting`, with each source leading in turn.
+
+    Nothing is yielded if the rule does not let these actions act together.
+    """
     if "terms" in rule:
         found = _listed_factors(rule, {actions[k].kind for k in acting})
         if found is not None:
@@ -107,8 +114,11 @@ def _listed_factors(rule, kinds):
     return found if set(found) == kinds else None
 
 
-def _keeps_conditions(actions, row):
-    """Return whether the actions with a factor in `row` have what they need, and exclude none."""
+def _meets_needs_and_excludes(actions, row):
+    """Return whether all acting actions have those that they need, and none that they exclude.
+
+    `row` has factors by index of the action; acting are those whose factor is not zero.
+    """
     names = {actions[k].name for k, factor in row.items() if factor != 0}
     active = (actions[k] for k, factor in row.items() if factor != 0)
     return all(set(one.needs) <= names and not names & set(one.excludes) for one in active)

@@ -43,7 +43,7 @@ _COMBINATION_KEYS = {
 
 @functools.cache
 def _rules_of_package():
-    """Return the rules that the package has, by name."""
+    """Return the rules of all standards in the package's JSON file, a dict by name."""
     text = resources.files(__package__).joinpath("combination_rules.json").read_text("utf-8")
     return json.loads(text)
 
@@ -87,19 +87,19 @@ def combination_rules(rules: str | PathLike[str] | Mapping[str, Any]) -> dict[st
     else:
         hint = checks.suggest_names(rules, _rules_of_package())
         raise ValueError(f"rules = {rules!r}: expected a name, a .json file or a dict{hint}")
-    _check(found)
+    _check_rules(found)
     return found
 
 
-def _check(rules):
-    """Raise ValueError if rules lack something, or have an entry that is unknown."""
+def _check_rules(rules):
+    """Raise ValueError if rules lack an entry or have an unknown one; put in default entries."""
     if not isinstance(rules, dict) or not isinstance(rules.get("combinations"), dict):
         raise ValueError("rules: expected a dict with the entry 'combinations', a dict by name")
     unknown = set(rules) - {"source", "gamma", "kinds", "combinations"}
     if unknown:
         raise ValueError(f"rules: unknown entry {min(unknown)!r}")
     kinds = rules.setdefault("kinds", {})
-    _number(rules.setdefault("gamma", 1.0), "gamma")
+    _check_factor(rules.setdefault("gamma", 1.0), "gamma")
     for name, kind in kinds.items():
         where = f"kinds[{name!r}]"
         if not isinstance(kind, dict) or set(kind) - {"psi", "gamma"}:
@@ -107,17 +107,21 @@ def _check(rules):
         if name in ALWAYS:
             raise ValueError(f"rules: {where}: this kind is no variable action")
         if "gamma" in kind:
-            _number(kind["gamma"], f"{where}['gamma']")
+            _check_factor(kind["gamma"], f"{where}['gamma']")
         if "psi" in kind and (not isinstance(kind["psi"], list) or len(kind["psi"]) != 3):
             raise ValueError(f"rules: {where}['psi']: expected [psi0, psi1, psi2]")
         for psi in kind.get("psi", ()):
-            _number(psi, f"{where}['psi']", 1.0)
+            _check_factor(psi, f"{where}['psi']", 1.0)
     for name, rule in rules["combinations"].items():
         _check_combination(f"combinations[{name!r}]", rule, kinds)
 
 
 def _check_combination(where, rule, kinds):
-    """Raise ValueError if the rule of a combination is wrong; `kinds` are the variable actions."""
+    """Raise ValueError, which names `where`, if the rule of a combination is wrong.
+
+    `kinds` are the kinds of variable actions; the default factors of a leading action are put
+    in.
+    """
     if not isinstance(rule, dict) or not isinstance(rule.get("limit state"), str):
         raise ValueError(f"rules: {where}: expected a dict with 'limit state', a text")
     unknown = set(rule) - _COMBINATION_KEYS
@@ -127,7 +131,7 @@ def _check_combination(where, rule, kinds):
         if not isinstance(rule.get(key), list) or not rule[key]:
             raise ValueError(f"rules: {where}[{key!r}]: expected a list of factors")
         for factor in rule[key]:
-            _number(factor, f"{where}[{key!r}]")
+            _check_factor(factor, f"{where}[{key!r}]")
     if ("terms" in rule) == ("leading" in rule):
         raise ValueError(f"rules: {where}: expected either 'leading' or 'terms'")
     for key in ("leading", "accompanying"):
@@ -144,22 +148,22 @@ def _check_combination(where, rule, kinds):
             if key != "exceptional" and kind not in kinds:
                 hint = checks.suggest_names(kind, kinds)
                 raise ValueError(f"rules: {where}: {key}: {kind!r} is none of 'kinds'{hint}")
-            _number(factor, f"{where}: {key}: {kind!r}")
+            _check_factor(factor, f"{where}: {key}: {kind!r}")
 
 
-def _number(value, name, most=_LARGEST):
-    """Raise ValueError unless `value` is a number from 0 to `most`."""
+def _check_factor(value, name, most=_LARGEST):
+    """Raise ValueError, with `name`, unless `value` is a number from 0 to `most`, by default 10."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
         raise ValueError(f"rules: {name} = {value!r}: expected a number from 0 to {most:g}")
 
 
-def with_origin(clause: str, name: str, rules: Mapping[str, Any]) -> str:
-    """Return the clause of a combination, which says so if the rules are not as published.
+def clause_noting_changes(clause: str, name: str, rules: Mapping[str, Any]) -> str:
+    """Return the clause of a combination, with a note if the factors are not those of the standard.
 
     Args:
-        clause: of the combination.
-        name: of the combination.
-        rules: the rules that it is of.
+        clause: clause of the standard that the combination is taken from.
+        name: name of the combination.
+        rules: all rules, of which the combination is one.
     """
     for published in _rules_of_package().values():
         same = published["combinations"].get(name)
@@ -180,7 +184,7 @@ def alternatives(one_of: Mapping[str, float] | list[dict[str, float]]) -> list[d
 
 
 def describe_factors(rule: Mapping[str, Any]) -> str:
-    """Return by which factors a rule multiplies actions: "permanent 1.35 or 1, leading gamma"."""
+    """Return the factors of a rule as text: "permanent 1.35 or 1, leading gamma" and so on."""
     parts = [f"{kind} {' or '.join(f'{f:g}' for f in rule[kind])}" for kind in ALWAYS]
     parts += [f"{kind} {factor:g}" for kind, factor in rule.get("exceptional", {}).items()]
     if "leading" in rule:
@@ -197,7 +201,7 @@ def describe_factors(rule: Mapping[str, Any]) -> str:
 
 
 class KindFactors(NamedTuple):
-    """Factors of a kind of variable actions: partial factor, and factors psi or None."""
+    """Partial factor gamma and combination factors psi of a kind of variable action, or None."""
 
     kind: str
     gamma: float | None

@@ -18,14 +18,14 @@ from ..common.tree import pytree
 from ..common.types import Float
 from ..loads import NodalLoads, as_list, combine
 from .actions import Action, check_actions
-from .combination_factors import rows_of_rule, sets_of_variables
+from .combination_factors import factors_of_combinations, sets_of_variable_actions
 from .combination_rules import (
     ALWAYS,
     KindFactors,
+    clause_noting_changes,
     combination_rules,
     describe_factors,
     factors_of_kind,
-    with_origin,
 )
 
 _MOST = 20_000  # combinations: more than anybody would look at, and seconds to enumerate
@@ -86,15 +86,24 @@ class Combinations:
         return "\n".join(f"{name:<{width}}  {self.formula(k)}" for k, name in enumerate(self.names))
 
     def of_limit_state(self, *limit_states: str) -> Combinations:
-        """Return the combinations of some limit states, such as "serviceability"."""
-        return self._where(self.limit_states, limit_states, "limit_states")
+        """Return the combinations of the named limit states, such as "serviceability".
+
+        Raises ValueError for a limit state of which there are none.
+        """
+        return self._select_combinations(self.limit_states, limit_states, "limit_states")
 
     def of_rule(self, *rules: str) -> Combinations:
-        """Return the combinations of some rules, such as "SLS quasi-permanent"."""
-        return self._where(self.rules, rules, "rules")
+        """Return the combinations of the named rules, such as "SLS quasi-permanent".
 
-    def _where(self, have, wanted, argument):
-        """Return the combinations for which an entry of `have` is one of `wanted`."""
+        Raises ValueError for a rule of which there are none.
+        """
+        return self._select_combinations(self.rules, rules, "rules")
+
+    def _select_combinations(self, have, wanted, argument):
+        """Return the combinations whose entry in `have`, a tuple of texts, is one of `wanted`.
+
+        Raises ValueError, which names `argument`, for a text that no combination has.
+        """
         for one in wanted:
             if one not in have:
                 hint = checks.suggest_names(one, dict.fromkeys(have))
@@ -119,7 +128,7 @@ class Combinations:
         held = np.array([one.in_phases for one in self.actions], float)
         added = np.asarray(self.factors) - held
         for j, one in enumerate(self.actions):
-            if not one.has_parts and added[:, j].any():
+            if not one.has_effects and added[:, j].any():
                 k = int((added[:, j] != 0).argmax())
                 raise ValueError(
                     f"actions: {one.name!r} has factor {self.factors[k][j]:g} in combination "
@@ -133,14 +142,23 @@ class Combinations:
             loads = {0: [NodalLoads([0], (0.0, 0.0, 0.0))]}
         batch = combine(loads, added[:, list(loads)]) if loads else None
         changes = {
-            name: self._sum_of(name, acting, added) for name in ("temperature", "shortening")
+            name: self._sum_inputs(name, acting, added) for name in ("temperature", "shortening")
         }
-        lost = self._lost(acting, added)
+        lost = self._lost_elements(acting, added)
         return Phase(loads=batch, increments=self.increments, removes=lost, **changes)
 
-    def _sum_of(self, name, acting, added):
-        """Return a change of all cases: a tree whose leaves have a leading axis, or None."""
-        trees = self._stated(name, acting)
+    def _sum_inputs(self, name, acting, added):
+        """Return the factored sum of an input of actions in each case, [n_combination, ...].
+
+        Args:
+            name: field of `Action`: "temperature" or "shortening".
+            acting: indices of the actions that a case changes.
+            added: factors of all actions, [n_combination, n_action].
+
+        Returns:
+            A pytree in the form in which actions state the input; None if none does.
+        """
+        trees = self._inputs_of_actions(name, acting)
         if not trees:
             return None
         factors = jnp.asarray(added[:, list(trees)])
@@ -152,9 +170,12 @@ class Combinations:
             *trees.values(),
         )
 
-    def _lost(self, acting, added):
-        """Return which elements are lost in each case, as `_sum_of`."""
-        trees = self._stated("removes", acting)
+    def _lost_elements(self, acting, added):
+        """Return which elements are lost in each case, bool [n_combination, n_elem] by group.
+
+        Arguments as of `_sum_inputs`; None if no acting action removes elements.
+        """
+        trees = self._inputs_of_actions("removes", acting)
         if not trees:
             return None
         does = added[:, list(trees)].T != 0
@@ -165,11 +186,15 @@ class Combinations:
             *trees.values(),
         )
 
-    def _stated(self, name, acting):
-        """Return by index of an action what it states; ValueError if two do it in other forms."""
+    def _inputs_of_actions(self, name, acting):
+        """Return the field `name` of the actions `acting`, by their index, where it is given.
+
+        Raises ValueError if two actions give it as pytrees of different structure or
+        shapes.
+        """
         trees = {k: getattr(self.actions[k], name) for k in acting}
         trees = {k: tree for k, tree in trees.items() if tree is not None}
-        forms = {k: (jax.tree.structure(x), _shapes(x)) for k, x in trees.items()}
+        forms = {k: (jax.tree.structure(x), _leaf_shapes(x)) for k, x in trees.items()}
         first = next(iter(forms), None)
         for k, form in forms.items():
             if form != forms[first]:
@@ -181,8 +206,8 @@ class Combinations:
         return trees
 
 
-def _shapes(tree):
-    """Return the shapes of the leaves of a tree."""
+def _leaf_shapes(tree):
+    """Return the shapes of the arrays in a pytree, a list."""
     return [np.shape(leaf) for leaf in jax.tree.leaves(tree)]
 
 
@@ -246,17 +271,17 @@ def combinations(
     rules = combination_rules(rules)
     chosen = _chosen_rules(rules, which)
     _require_known_kinds(actions, rules, chosen)
-    sets = list(itertools.islice(sets_of_variables(actions, rules["kinds"]), _MOST + 1))
-    _require_few(len(sets))
+    sets = list(itertools.islice(sets_of_variable_actions(actions, rules["kinds"]), _MOST + 1))
+    _require_feasible_count(len(sets))
     rows: list[tuple[float, ...]] = []
     texts: list[tuple[str, str, str, str, str]] = []
     for name, rule in chosen.items():
         of_rule: dict[tuple[float, ...], None] = {}
-        for row in rows_of_rule(actions, rules, rule, sets):
+        for row in factors_of_combinations(actions, rules, rule, sets):
             of_rule[row] = None
-            _require_few(len(rows) + len(of_rule))
+            _require_feasible_count(len(rows) + len(of_rule))
         rows += of_rule
-        clause = with_origin(rule.get("clause", ""), name, rules)
+        clause = clause_noting_changes(rule.get("clause", ""), name, rules)
         same = name, rule["limit state"], clause, describe_factors(rule)
         texts += [(f"{name}-{k}", *same) for k in range(1, 1 + len(of_rule))]
     if not rows:
@@ -286,13 +311,13 @@ def combinations(
 
 
 def _exceptional_kinds(combinations_by_name):
-    """Return the kinds of actions of which some combinations have one each, a set of texts."""
+    """Return the kinds of exceptional actions (accidental, seismic) that some combinations have."""
     every = combinations_by_name.values()
     return {kind for rule in every for kind in rule.get("exceptional", ())}
 
 
-def _require_few(count):
-    """Raise ValueError if there are more combinations than anybody would look at."""
+def _require_feasible_count(count):
+    """Raise ValueError if `count` combinations are more than 20 000, too many to analyse."""
     if count > _MOST:
         raise ValueError(
             f"actions: make more than {_MOST} combinations; say which of them are exclusive, or of "
@@ -301,7 +326,10 @@ def _require_few(count):
 
 
 def _chosen_rules(rules, which):
-    """Return the rules of combinations to take, by name; ValueError for unknown names."""
+    """Return the rules of combinations named by `which`, by name; ValueError for unknown names.
+
+    `which` has names of rules or limit states; None: all rules that are not "on request".
+    """
     every = rules["combinations"]
     usual = {name: rule for name, rule in every.items() if not rule.get("on request")}
     if which is None:
@@ -323,7 +351,11 @@ def _chosen_rules(rules, which):
 
 
 def _require_known_kinds(actions, rules, chosen):
-    """Raise ValueError if the rules do not have the kind of an action, or its factors psi."""
+    """Raise ValueError if the rules lack the kind of an action, or its combination factors psi.
+
+    `rules` are all rules of a standard, `chosen` the rules of the wanted combinations, by name;
+    only these need factors psi.
+    """
     # rules that are not chosen may be the ones that have an exceptional kind
     known = [*ALWAYS, *sorted(_exceptional_kinds(rules["combinations"])), *rules["kinds"]]
     used = {
@@ -345,7 +377,7 @@ def _require_known_kinds(actions, rules, chosen):
             raise ValueError(
                 f"actions[{k}]: source: {one.name!r} is neither a permanent nor a variable action"
             )
-        if one.in_phases and variable and not one.has_parts:
+        if one.in_phases and variable and not one.has_effects:
             raise ValueError(
                 f"actions[{k}]: {one.name!r} is a variable action in the phases and has no loads: "
                 "combinations without it need them"

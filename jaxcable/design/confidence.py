@@ -150,7 +150,7 @@ def confidence(
     inside = deviation**2 * half.T @ half
     undetermined = (np.abs(combinations[~determined]) > 1e-3).any(axis=0)
     inverse = half.T @ left[:, :rank].T
-    _warn_of_blocked(fit, jacobian, varied, undetermined, inverse, rcond)
+    _warn_of_blocked_parameters(fit, jacobian, varied, undetermined, inverse, rcond)
     inside[undetermined] = np.nan
     inside[:, undetermined] = np.nan
     covariance[np.ix_(varied, varied)] = inside
@@ -173,7 +173,7 @@ def confidence(
     )
 
 
-def _warn_of_blocked(fit, jacobian, varied, undetermined, inverse, rcond):
+def _warn_of_blocked_parameters(fit, jacobian, varied, undetermined, inverse, rcond):
     """Warn of parameters that a bound blocks, and that others cannot be told apart from.
 
     Intervals take what is blocked as known. With its column ``a`` of the Jacobian J the variance of

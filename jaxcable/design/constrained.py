@@ -141,7 +141,7 @@ def minimize_subject_to(
     params, box, tol = check_search_arguments(params, bounds, tol)
     solve, listen = nlp_solver_by_name(solver), as_listener(progress)
     start = flat_vector(params)
-    traced = trace_function(functools.partial(_flat_problem, problem, params), start, args)
+    traced = trace_function(functools.partial(_loss_and_constraints, problem, params), start, args)
     evaluate = functools.partial(values_and_jacobian, traced, args)
     wide = jax.tree.map(lambda x: np.asarray(x, float), box)  # libraries take double precision
     search = ConstrainedSearch(evaluate, params, wide, tol, int(steps), listen)
@@ -163,7 +163,7 @@ def minimize_subject_to(
     )
 
 
-def _flat_problem(problem, params, x, args):
+def _loss_and_constraints(problem, params, x, args):
     """Return [loss, constraints ...] and the status code of a user's function.
 
     Its parameters, a pytree like `params`, are given as `x` [n]; `args` are its further arguments.

@@ -100,7 +100,7 @@ class ConstrainedSearch(Search):
         return multipliers, residual / self.loss_size(point)
 
     def typical_sizes(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the sizes of parameters at `x`, [n], at least those at the start."""
+        """Return the typical sizes of parameters at `x`, [n], at least those at the start."""
         return np.maximum(self.box.typical_sizes(self.start), self.box.largest_per_array(x))
 
     def loss_size(self, point: TrialPoint) -> float:
@@ -180,13 +180,13 @@ class ConstrainedSearch(Search):
 
     def constraints(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
         """Return the constraints plus the tolerance, [m], at scaled parameters y [n]."""
-        return self._sound_point(y).constraints + self.tol
+        return self._last_successful_point(y).constraints + self.tol
 
     def jacobian(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
         """Return the Jacobian of the constraints by the scaled parameters, [m, n], at y, [n]."""
-        return self._sound_point(y).jacobian[1:] * self.size
+        return self._last_successful_point(y).jacobian[1:] * self.size
 
-    def _sound_point(self, y):
+    def _last_successful_point(self, y):
         """Return the trial point at scaled parameters y; if it failed, the last that succeeded."""
         found = self.evaluate_scaled(y)
         return self.sound if found.failed else found

@@ -61,7 +61,7 @@ class History:
     shortened: Int[Array, " steps+1"]
 
 
-class LimitedMemory:
+class LBFGS:
     """The quasi-Newton steps of L-BFGS, as of `optax.lbfgs` without its line search.
 
     Source: Nocedal and Wright, Numerical Optimization (2006), algorithm 7.4; the first step is no
@@ -75,7 +75,7 @@ class LimitedMemory:
     def step(
         self, x: Float[np.ndarray, " n"], gradient: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Return the step, [n], from a point at which the gradient, [n], is this."""
+        """Return the quasi-Newton step at `x` with this gradient, [n], and remember both."""
         scale = min(1.0, 1 / np.linalg.norm(gradient))
         if self._last is not None:
             moved, change = x - self._last[0], gradient - self._last[1]
@@ -107,15 +107,15 @@ class Descent(Search):
         sizes = self.box.typical_sizes(self.start)
         self.scale = _TYPICAL_CHANGE * sizes if scale is None else scale
         self.sizes, self.propose = sizes, propose
-        self.memory, self._longest_step = LimitedMemory(), np.inf
+        self.memory, self._longest_step = LBFGS(), np.inf
         self._noise = max(_NOISE, 64 * np.finfo(self.scale.dtype).eps)
 
     def run(self) -> int:
-        """Search, and return the status."""
+        """Search from the start for a minimum, and return the status code."""
         point = self.evaluate_at(self.start)
         known = point.loss, np.abs(point.gradient)
         self.criteria = MinimumCriteria(self.box, self.sizes, self.tol, *known)
-        self._accept(point, 0, int(point.failed), point.code)
+        self._accept_point(point, 0, int(point.failed), point.code)
         if point.failed:
             self.best = None
             return status.BAD_START
@@ -146,21 +146,25 @@ class Descent(Search):
             near = self.propose is not None and self.criteria.minimum_is_near(before, self.current)
         return code
 
-    def _accept(self, point, shortened, failures, code):
-        """Go on from a trial point, to which the step was `shortened` so many times; report it.
+    def _accept_point(self, point, shortened, failures, code):
+        """Make a trial point the current one, update the best one, and record the step to it.
 
-        At some `failures` of trial points of this step the analysis failed, at last with a `code`.
+        `shortened` is how often the step was shortened, `failures` at how many trial points
+        of it the analysis failed, `code` the status of the last failure, or 0.
         """
         before, self.current = self.current, self.criteria.assess(point)
         if before is not None and (before.blocked != self.current.blocked).any():
-            self.memory = LimitedMemory()  # it was made with other entries
+            self.memory = LBFGS()  # it was made with other entries
         if self.best is None or not point.loss >= self.best.point.loss:
             self.best = self.current
         numbers = point.loss, self.current.measure
         self.record((*numbers, code, failures, shortened), Step, *numbers, failures)
 
     def _propose_step(self):
-        """Return the next step, [n], zero where blocked; without memory if that leads upward."""
+        """Return the next step, [n]: that of the user's optimizer or of L-BFGS, zero where blocked.
+
+        L-BFGS forgets its memory if that leads uphill.
+        """
         current = self.current
         if self.propose is not None:
             return np.where(current.blocked, 0, self.propose(current))
@@ -169,13 +173,13 @@ class Descent(Search):
             step = np.where(current.blocked, 0, self.memory.step(*given) * self.scale)
             if current.inside @ step < 0:
                 break
-            self.memory = LimitedMemory()  # the memory of the curvature is misleading
+            self.memory = LBFGS()  # the memory of the curvature is misleading
         return step
 
     def _search_along(self, step):
-        """Shorten a step until its end is accepted; return the status if no point is, else None."""
+        """Shorten a step [n] until a point is accepted; return None, or the status if none is."""
         x = self.current.point.x
-        length = self._longest_part(step)
+        length = self._first_trial_length(step)
         shortened = failures = code = 0
         while True:
             point = self.evaluate_at(x + length * step)
@@ -189,12 +193,12 @@ class Descent(Search):
                 if failures:
                     self._longest_step = length * np.linalg.norm(step / self.scale)
                 self._longest_step *= _GROWTH
-                return self._accept(point, shortened, failures, code)
+                return self._accept_point(point, shortened, failures, code)
             shortened += 1
             if self.propose is None and self.memory.changes and shortened >= _PATIENCE:
-                self.memory = LimitedMemory()  # its step leads nowhere
+                self.memory = LBFGS()  # its step leads nowhere
                 step, shortened = self._propose_step(), 0
-                length = self._longest_part(step)
+                length = self._first_trial_length(step)
                 continue
             # if no step lowers the loss, a point at rest is a minimum
             at_rest = self.current.at_rest and self.criteria.step_is_short(point.x - x, x)
@@ -202,8 +206,8 @@ class Descent(Search):
                 return status.OK if at_rest else status.STALLED
             length *= factor
 
-    def _longest_part(self, step):
-        """Return the part of a step that is tried first: 1, or less where longer ones failed."""
+    def _first_trial_length(self, step):
+        """Return the fraction of a step [n] to try first: 1, or less where longer steps failed."""
         norm = np.linalg.norm(step / self.scale)
         return min(1.0, self._longest_step / norm) if norm > 0 else 1.0
 

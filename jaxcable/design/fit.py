@@ -161,7 +161,11 @@ def _flat_residuals(residuals, params, x, args):
 
 
 def _search(residuals, args, params, box, tol, steps, listen):
-    """Search as `fit` does, for known numbers."""
+    """Return the `Fit` to residuals, a `TracedFunction`, for known numbers; arguments as of `fit`.
+
+    `args` are its further arguments, `box` the `BoxBounds`, `listen` is called with each
+    `Trial`.
+    """
     evaluate = functools.partial(values_and_jacobian, residuals, args)
     return fit_on_host(evaluate, params, box, tol, steps, listen, residuals.result[0].size)
 
@@ -186,7 +190,7 @@ def fit_on_host(
             is invalid.
     """
     search = LevenbergMarquardt(evaluate, params, box, tol, steps, listen)
-    code = search.status()
+    code = search.run_if_valid()
     point: Any = search.current or unevaluated_point(search.start, count, code)
     misfit: Any = np.linalg.norm(point.values)
     whole: Any = np.int32

@@ -191,7 +191,8 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
 def _groups_with_present_elements(structure, phases, phase, start):
     """Return, for each element group, whether any of its elements is present in phase `phase`.
 
-    A list of bool; True where that is traced and not known.
+    A list of bool; True where that is traced and not known. `start` is the state before all
+    phases, or None.
     """
     last = start.last if isinstance(start, Solution) else start
     presence = make_activation(structure, phases, None if last is None else last.restart.states)
@@ -219,7 +220,7 @@ def _prestress_input_values(phase, structure, name):
 
 
 def _replace_in_phase(phases, number, **changes):
-    """Return the list of phases, with fields of phase number `number` replaced by `changes`."""
+    """Return the list of phases with fields of the one of index `number` replaced by `changes`."""
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 

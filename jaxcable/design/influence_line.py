@@ -27,7 +27,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import PointLoads
 from ..loads.groups import Key
-from ..loads.path_loads import ROUNDING, path_of
+from ..loads.path_loads import ROUNDING, path_along_elements
 from ..model.structure import Structure
 from .arguments import require_structure
 
@@ -47,7 +47,7 @@ class InfluenceLine:
         coefficients: of 1, x, x^2, x^3 on each piece, with x from 0 to 1, [..., n_piece, 4]; the
             leading axes are those of the result.
         direction: of the unit force, [3]; its length scales the line.
-        path: numbers of the elements of the path.
+        path: indices of the elements of the path.
         on: key of their group.
 
     Example:
@@ -89,7 +89,7 @@ class InfluenceLine:
         return jnp.sum(own * powers, axis=-1) * inside.reshape((1,) * (own.ndim - 2) + x.shape)
 
     def area(self) -> Float[Array, " ..."]:
-        """Return the result of a unit load per length on the whole path, [...]."""
+        """Return the integral of the line: the result of a unit load per metre, [...]."""
         lengths = jnp.diff(jnp.asarray(self.stations))
         own = jnp.asarray(self.coefficients) @ (1 / jnp.arange(1.0, 5.0))
         return own @ lengths
@@ -110,13 +110,16 @@ class InfluenceLine:
         """
         if sign not in (1, -1):
             raise ValueError(f"sign = {sign!r}: expected 1 or -1")
-        stations, every = self.known_pieces()
-        return [_parts(stations, sign * own, sign) for own in every]
+        stations, every = self.known_stations_and_coefficients()
+        return [_positive_parts_and_area(stations, sign * own, sign) for own in every]
 
-    def known_pieces(
+    def known_stations_and_coefficients(
         self,
     ) -> tuple[Float[np.ndarray, " n_piece+1"], Float[np.ndarray, "n_entry n_piece 4"]]:
-        """Return stations and coefficients as NumPy arrays; ValueError if they are traced."""
+        """Return `stations`, and `coefficients` with all results on one axis, as NumPy arrays.
+
+        Raises ValueError if they are traced.
+        """
         found: list[Any] = [checks.array_if_known(x) for x in (self.stations, self.coefficients)]
         if any(x is None for x in found):
             raise ValueError(
@@ -146,7 +149,7 @@ def influence_line(
     Args:
         structure: `Structure`.
         phases: phases that lead to the state, or a `Solution` or `State`.
-        path: numbers of the elements of one group of beams, in order, end to end.
+        path: indices of the elements of one group of beams, in order, end to end.
         of: function of the `Solution` to an array of results, or the name of one: "reactions",
             "displacement", "tension", "section_forces" and so on.
 
@@ -193,7 +196,7 @@ def influence_line(
     direction = nan_if_broken(Rule("direction", direction, lambda v: (v == 0).all(), text))
     numbers = checks.as_indices(path, "path", things="element")
     index = PointLoads(numbers[:1], 0.5, direction, on=on).group_index(structure)
-    found = path_of(structure, numbers, index)
+    found = path_along_elements(structure, numbers, index)
     beams: Any = structure.groups[index]
     at = _checked_breaks(gauss_lobatto(beams.points)[0] if breaks is None else breaks)
     inside = at[:-1, None] + np.diff(at)[:, None] * SAMPLES[None]
@@ -221,7 +224,7 @@ def influence_line(
 
 
 def _checked_breaks(breaks):
-    """Return `breaks` as a NumPy array; ValueError unless they increase from 0 to 1."""
+    """Return the places `breaks` as a NumPy array; ValueError unless they increase from 0 to 1."""
     at = checks.array_if_known(checks.as_floats(breaks, "breaks"))
     if at is None:
         raise ValueError("breaks: cannot be traced; give known numbers")
@@ -231,8 +234,14 @@ def _checked_breaks(breaks):
     return at
 
 
-def _parts(stations, own, sign):
-    """Return the parts on which a line is positive, [n_part, 2], and ``sign`` times its area."""
+def _positive_parts_and_area(stations, own, sign):
+    """Return the parts where piecewise cubics `own` are positive, [n_part, 2], m, and their area.
+
+    Args:
+        stations: ends of the intervals, [n_piece + 1], m.
+        own: coefficients on each interval, lowest power first, [n_piece, 4].
+        sign: 1 or -1, by which the area is multiplied.
+    """
     begin, width, found, area = stations[:-1], np.diff(stations), [], 0.0
     small = 1e-12 * np.abs(own).max(initial=0.0)
     for start, length, cubic in zip(begin, width, own, strict=True):

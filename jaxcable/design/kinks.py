@@ -76,7 +76,11 @@ def slack_distance(
 
 @as_program
 def _strains_above_slackening(without_indices, index_arrays, dof_map):
-    """Return cables' strains minus their strains at zero force, [n_elem] or None by group."""
+    """Return strains minus the strain at which an element goes slack, [n_elem] by group, -.
+
+    Of contacts the sign is reversed; None for groups that bear tension and compression. The
+    first two arguments are those of `merge_solution_state`; `dof_map` numbers the unknowns.
+    """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     motion = restart.motion
     system = make_system(nodes, groups, restart, motion, dof_map)  # with the loads along elements
@@ -95,6 +99,8 @@ def slack_margin(
     structure: Structure, solution: Solution | State, width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
     """Return a smooth lower bound of the smallest `slack_distance` of all cables and cases, -.
+
+    Where it is positive no cable is slack.
 
     Args:
         structure, solution: as for `slack_distance`.

@@ -54,7 +54,7 @@ class LevenbergMarquardt(Search):
     """The Levenberg-Marquardt method of `fit`; `current` is a `TrialPoint`."""
 
     def run(self) -> int:
-        """Search, and return the status."""
+        """Search from the start for least squares, and return the status code."""
         point = self.evaluate_at(self.start)
         self._record(point, not point.failed, _FIRST_DAMPING)
         if point.failed:
@@ -62,18 +62,18 @@ class LevenbergMarquardt(Search):
             return status.BAD_START
         self._first, self._size = np.linalg.norm(point.values), np.zeros_like(point.x)
         self._least = np.finfo(point.x.dtype).eps * self._array_norms(point.x)
-        self._accept(point)
+        self._accept_point(point)
         code = self._status_of_start()
         return self._take_steps() if code is None else code
 
-    def _accept(self, point):
-        """Go on from a trial point."""
+    def _accept_point(self, point):
+        """Make a trial point the current one; update column norms and parameters that are held."""
         self.current = point
         self._size = np.maximum(self._size, np.linalg.norm(point.jacobian, axis=0))
         self._held = np.logical_or(*self.blocked_and_without_influence(point))
 
     def _status_of_start(self):
-        """Return the status of a search that ends at the start; None if it goes on."""
+        """Return the status if the search ends at its start; None if it goes on."""
         has_misfit = self._first > 0
         blocked = self.blocked_and_without_influence(self.current)[0]
         # if no parameter can be changed this is no minimum
@@ -87,7 +87,7 @@ class LevenbergMarquardt(Search):
         return status.STATIONARY if blind else status.OK
 
     def _take_steps(self):
-        """Go from trial point to trial point, and return the status at the end."""
+        """Take damped steps until the search ends, and return the status code."""
         damping, growth = _FIRST_DAMPING, 2.0
         noise = max(_NOISE, 64 * np.finfo(self.current.x.dtype).eps)
         for _ in range(self.steps):
@@ -103,7 +103,7 @@ class LevenbergMarquardt(Search):
             accepted = not point.failed and promised > 0 and fallen > _ACCEPTABLE * promised
             self._record(point, accepted, damping)
             if accepted:
-                self._accept(point)
+                self._accept_point(point)
                 factor = 1 - (2 * fallen / promised - 1) ** 3
                 damping, growth = damping * max(_LEAST_FACTOR, factor), 2.0
             else:
@@ -118,7 +118,7 @@ class LevenbergMarquardt(Search):
         return status.OUT_OF_STEPS
 
     def _record(self, point, accepted, damping):
-        """Add a trial point to the history, and report it."""
+        """Append misfit, acceptance, damping and status of a point to the history; report it."""
         misfit = np.nan if point.failed else np.linalg.norm(point.values)
         news = misfit, int(accepted), point.code
         self.record((misfit, int(accepted), damping, point.code), Trial, *news)
@@ -152,10 +152,10 @@ class LevenbergMarquardt(Search):
         return (np.abs(whole) <= self.tol**1.5 * sizes).all()
 
     def _trial_point_within_bounds(self, damping):
-        """Return the next trial point, [n]: a damped step from the last one, within the bounds.
+        """Return the next trial point, [n]: a step with this damping mu, within the bounds.
 
-        A parameter that meets a bound stops there; the step of the other ones is then computed
-        again.
+        A parameter that meets a bound stops there; the step of the other ones is then
+        computed again.
         """
         x, residual, jacobian, _ = self.current
         move, stopped = np.zeros_like(x), self._held
@@ -192,7 +192,7 @@ class LevenbergMarquardt(Search):
         return blocked, (columns == 0) | ((whole > 0) & little)
 
     def _array_norms(self, x):
-        """Return, for every parameter, the norm of the array that contains it, [n]."""
+        """Return, for every entry of `x` [n], the norm of the array that contains it."""
         return self.box.norm_per_array(np.linalg.norm, x)
 
 

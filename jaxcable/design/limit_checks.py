@@ -23,7 +23,16 @@ from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import TENSION, Element
 from ..model.result_parts import active_nodes, loose_nodes, present_elements
 from ..model.structure import Structure
-from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, Terms, doubt, largest_forces
+from .check import (
+    SERVICE,
+    ULTIMATE,
+    UTILIZATION,
+    Check,
+    OnElements,
+    Terms,
+    largest_forces,
+    warn_if_unusual,
+)
 
 _DISPLACEMENTS, _TENSIONS, _REACTIONS = {"displacement": "m"}, {"tension": "N"}, {"reaction": "N"}
 
@@ -33,7 +42,10 @@ def limit_utilization(
     lower: Float[ArrayLike, ""] | None = None,
     upper: Float[ArrayLike, ""] | None = None,
 ) -> Float[Array, " ..."]:
-    """Return the utilization of limits, see the module; the larger one of both."""
+    """Return the utilization of limits, - (formulas: see the module); of two the larger one.
+
+    `value`, `lower` and `upper` have one unit; a limit that is None does not count.
+    """
     found = []
     if upper is not None:
         found.append(value / upper)
@@ -48,10 +60,11 @@ def limit_utilization(
     return jnp.stack(found).max(axis=0)
 
 
-def _set_limits(check, lower, upper, text="lower, upper: missing; give at least one limit"):
-    """Set the limits of a check: traced ones that break a rule are NaN, and known ones refused.
+def _validate_limits(check, lower, upper, text="lower, upper: missing; give at least one limit"):
+    """Raise ValueError for limits that break the rules; replace traced ones that do by NaN.
 
-    There must be a limit; the upper one is positive and above the lower one.
+    There must be a limit (`text` is the message else); the upper one is positive and above the
+    lower one. The fields `lower` and `upper` of the frozen `check` are set.
     """
     name = check.name
     if lower is None and upper is None:
@@ -127,20 +140,20 @@ class OwnCheck(Check):
             pass  # a signature that Python does not know
         if self.lower is None and self.upper is None:
             object.__setattr__(self, "upper", 1.0)
-        _set_limits(self, self.lower, self.upper)
+        _validate_limits(self, self.lower, self.upper)
         object.__setattr__(self, "units", {"value": self.unit})
 
     def inputs(self) -> dict[str, Any]:
-        """Return the limits."""
+        """Return the given limits by the labels "lower" and "upper" with their unit."""
         given = {"lower": self.lower, "upper": self.upper}
         return {f"{k} ({self.unit})": v for k, v in given.items() if v is not None}
 
     def items(self, structure: Structure) -> list[str]:
-        """Return the names of the items; empty if the values have to be known for them."""
+        """Return the given labels of the values; an empty list if there are none."""
         return list(self.labels or ())
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return the values of the function and their utilization."""
+        """Return "value", what the function returns, [n_item], and "utilization" in one case."""
         value = self.function(structure, solution)
         if isinstance(value, str | dict) or value is None:
             kind = type(value).__name__
@@ -160,7 +173,7 @@ class DisplacementLimit(Check):
 
     Args:
         upper: largest displacement, m.
-        nodes: numbers of nodes; None: all.
+        nodes: indices of nodes; None: all.
         direction: along which the displacement is taken, either way, [3], without unit; None: its
             size.
         since: "last phase" for displacements within the last phase, which of cases is the case on
@@ -192,36 +205,40 @@ class DisplacementLimit(Check):
 
     def __post_init__(self):
         super().__post_init__()
-        _set_limits(self, None, self.upper)
-        doubt(f"{self.name}: upper", self.upper, 0.0, 10.0, "is the limit in m?")
+        _validate_limits(self, None, self.upper)
+        warn_if_unusual(f"{self.name}: upper", self.upper, 0.0, 10.0, "is the limit in m?")
         if self.direction is not None:
             _unit_vector(self.direction, self.name)
         if isinstance(self.since, str):
             checks.require_one_of(self.since, f"{self.name}: since", ["last phase"])
 
-    def _node_numbers(self, structure):
-        """Return the numbers of the checked nodes, [n_item]."""
-        return _node_numbers(self.nodes, structure, self.name)
+    def _checked_nodes(self, structure):
+        """Return the indices of the nodes whose displacements are checked, [n_item]."""
+        return _checked_node_indices(self.nodes, structure, self.name)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the limit and the direction."""
+        """Return the limit, m, direction and reference state, by the labels that a report shows."""
         along = {} if self.direction is None else {"direction": str(list(self.direction))}
         given = self.since if isinstance(self.since, str) else "the state that was given"
         since = {} if self.since is None else {"displacement since": given}
         return {"limit (m)": self.upper, **along, **since}
 
     def items(self, structure: Structure) -> list[str]:
-        """Return the names of the nodes."""
-        return [f"node {k}" for k in self._node_numbers(structure)]
+        """Return the labels of the checked nodes, "node 12" and so on, [n_item]."""
+        return [f"node {k}" for k in self._checked_nodes(structure)]
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return displacements and their utilization."""
+        """Return "displacement", m, and "utilization" in one case, [n_item] each.
+
+        NaN for nodes that only slack elements hold; zero utilization where no element is
+        active.
+        """
         if isinstance(self.since, str):
             moved = solution.displacement_since(-1)
         else:
             begin = 0.0 if self.since is None else self.since.displacement
             moved = solution.displacement - begin
-        nodes = self._node_numbers(structure)
+        nodes = self._checked_nodes(structure)
         moved, active = moved[nodes], jnp.asarray(active_nodes(structure, solution.present))[nodes]
         fixed = solution.last.fixed[-1].array
         is_loose = jnp.asarray(loose_nodes(structure, solution, fixed))[nodes]
@@ -265,23 +282,26 @@ class TensionLimit(OnElements):
 
     def __post_init__(self):
         super().__post_init__()
-        _set_limits(self, self.lower, None, "lower: missing; give the smallest tension, N")
+        _validate_limits(self, self.lower, None, "lower: missing; give the smallest tension, N")
         text = "expected a positive tension, N"
         above_zero = Rule(f"{self.name}: lower", self.lower, lambda v: ~(v > 0), text)
         object.__setattr__(self, "lower", nan_if_broken(above_zero))
 
     def is_meant_for(self, group: Element) -> bool:
-        """Return whether the elements have tension only."""
+        """Return whether the elements bear tension only, and have a tension as a result."""
         return bool(group.tension_only) and any(one.name == TENSION.name for one in group.results)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the limit."""
+        """Return the smallest allowed tension, N, by the label that a report shows."""
         return {"smallest tension (N)": self.lower}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return tensions, the largest along each element, and utilizations."""
+        """Return "tension", N, the largest along each element, and "utilization", [n_item] each.
+
+        Inactive elements have NaN and a utilization of 0.
+        """
         force = largest_forces(self, structure, solution)
-        active = self.taken(structure, present_elements(structure, solution.present))
+        active = self.values_of_checked(structure, present_elements(structure, solution.present))
         used = jnp.where(active, limit_utilization(force, self.lower), 0.0)
         return {"tension": jnp.where(active, force, jnp.nan), UTILIZATION: used}
 
@@ -291,7 +311,7 @@ class ReactionLimit(Check):
     """Limits of a component of the reactions: uplift, anchors, bearings.
 
     Args:
-        nodes: numbers of supported nodes.
+        nodes: indices of supported nodes.
         direction: along which the reaction on the structure is taken, [3], without unit; upward by
             default.
         lower: smallest reaction, N: 0 where nothing holds a support down, minus the resistance of
@@ -321,22 +341,25 @@ class ReactionLimit(Check):
 
     def __post_init__(self):
         super().__post_init__()
-        _set_limits(self, self.lower, self.upper)
+        _validate_limits(self, self.lower, self.upper)
         _unit_vector(self.direction, self.name)
 
     def inputs(self) -> dict[str, Any]:
-        """Return the limits and the direction."""
+        """Return the limits, N, and the direction, by the labels that a report shows."""
         given = {"lower (N)": self.lower, "upper (N)": self.upper}
         known = {name: value for name, value in given.items() if value is not None}
         return {**known, "direction": str(list(self.direction))}
 
     def items(self, structure: Structure) -> list[str]:
-        """Return the names of the nodes."""
-        return [f"node {k}" for k in _node_numbers(self.nodes, structure, self.name)]
+        """Return the labels of the checked nodes, "node 12" and so on, [n_item]."""
+        return [f"node {k}" for k in _checked_node_indices(self.nodes, structure, self.name)]
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return reactions and their utilization."""
-        numbers = _node_numbers(self.nodes, structure, self.name)
+        """Return "reaction", the component along the direction, N, and "utilization", [n_item].
+
+        Raises ValueError if a node has no support.
+        """
+        numbers = _checked_node_indices(self.nodes, structure, self.name)
         for k in numbers:
             if not np.asarray(solution.last.fixed[-1])[k, :3].any():
                 raise ValueError(f"{self.name}: nodes: node {k} has no support")
@@ -344,8 +367,11 @@ class ReactionLimit(Check):
         return {"reaction": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
 
 
-def _node_numbers(nodes: Any, structure, name):
-    """Return numbers of nodes, [n], of a structure; all for None; ValueError for unknown ones."""
+def _checked_node_indices(nodes: Any, structure, name):
+    """Return valid indices of nodes, [n], from `nodes`; those of all nodes for None.
+
+    Raises ValueError, which begins with the `name` of the check, for unknown nodes.
+    """
     if nodes is None:
         return np.arange(structure.n_node)
     numbers = checks.as_indices(nodes, f"{name}: nodes")

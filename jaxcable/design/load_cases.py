@@ -104,7 +104,11 @@ def solve_cases(
 
 
 def _warn_of_weight_twice(phases, start, combinations):
-    """Warn if an action that is not in the phases is a self-weight, and the phases have one."""
+    """Warn if the phases before the cases have a `SelfWeight`, and so has an action of the cases.
+
+    Actions of `combinations` that are `in_phases` do not count; from a `start` nothing is
+    known.
+    """
     before = [
         load
         for phase in ([phases] if isinstance(phases, Phase) else phases or ())
@@ -121,7 +125,10 @@ def _warn_of_weight_twice(phases, start, combinations):
 
 
 def _warn_of_unstable_cases(solutions, names):
-    """Warn of cases that end in an unstable equilibrium, unless they are traced."""
+    """Warn of cases that end in an unstable equilibrium, unless they are traced.
+
+    `solutions` is a batch, [n_case]; `names` are those of the cases, or None.
+    """
     codes, stable = (checks.array_if_known(x) for x in (solutions.status, solutions.stable))
     if codes is None or stable is None or codes.ndim != 1:
         return
@@ -304,5 +311,9 @@ def utilization(
 
 
 def _ratio_to_limit(xp, force, limit, absolute):
-    """Return forces over their limits, [..., n_elem]; their sizes if `absolute`."""
+    """Return forces over their limits, [..., n_elem], -; with `absolute` their absolute values.
+
+    `xp` is NumPy or jax.numpy; `force` [..., n_elem] and `limit`, a scalar or [n_elem], are in
+    N.
+    """
     return (xp.abs(force) if absolute else force) / xp.broadcast_to(limit, force.shape)

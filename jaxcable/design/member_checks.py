@@ -29,7 +29,7 @@ from ..standards.steel_members import (
     steel_section,
 )
 from ..stiffness.buckling import buckling_factor
-from .check import ULTIMATE, UTILIZATION, OnElements, Terms, doubt
+from .check import ULTIMATE, UTILIZATION, OnElements, Terms, warn_if_unusual
 
 _COMPONENTS = "N", "Vy", "Vz", "T", "My", "Mz"
 _UNITS = {"N": "N", "Vy": "N", "Vz": "N", "T": "N m", "My": "N m", "Mz": "N m"}
@@ -38,7 +38,7 @@ _BUCKLING_UNITS = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
 
 @dataclasses.dataclass(frozen=True)
 class _OnMembers(OnElements):
-    """Base of checks of beams, and of bars, which have axial forces alone."""
+    """Base of checks of beams and bars with one steel profile; bars have axial forces only."""
 
     profile: Profile | SteelSection | None = None
     yield_strength: Float[ArrayLike, ""] | None = None
@@ -56,25 +56,28 @@ class _OnMembers(OnElements):
                 'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
-        doubt("yield_strength", self.yield_strength, 1e7, 3e9, "is it in Pa?")
+        warn_if_unusual("yield_strength", self.yield_strength, 1e7, 3e9, "is it in Pa?")
         section = steel_section(self.profile, self.section_class)
         if isinstance(self.profile, Mapping):
             object.__setattr__(self, "profile", section)
 
     @property
     def section(self) -> SteelSection:
-        """Numbers of the cross-section."""
+        """Area, section moduli and radii of gyration of the profile, a `SteelSection`."""
         assert self.profile is not None
         return steel_section(self.profile, self.section_class)
 
     def is_meant_for(self, group: Element) -> bool:
-        """Return whether the elements can be compressed and have an axial force."""
+        """Return whether the elements bear compression, and have an axial force."""
         has_axial_force = any(one.name == TENSION.name for one in group.results)
         return has_axial_force and not is_one_sided(group)
 
-    def chosen(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
-        """Return groups and elements as other checks; ValueError if several may be meant."""
-        found = super().chosen(structure)
+    def checked_elements(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
+        """Return pairs: index of a group, and indices of its checked elements.
+
+        Raises ValueError if no groups are named and several could have the profile.
+        """
+        found = super().checked_elements(structure)
         if self.elements is None and len(found) > 1:
             labels = [named_groups_of(structure)[k][0] for k, _ in found]
             raise ValueError(
@@ -84,7 +87,7 @@ class _OnMembers(OnElements):
         return found
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave."""
+        """Return name, yield strength, area and moduli of the section, by labels of a report."""
         s = self.section
         kind = "" if isinstance(self.profile, SteelSection) else "el,"
         kind = "pl," if kind and self.section_class < 3 else kind
@@ -96,8 +99,11 @@ class _OnMembers(OnElements):
             f"W{kind}z (m3)": s.Wz,
         }
 
-    def _forces(self, structure, solution):
-        """Return section forces along the checked elements, [n_item, n_place, 6]."""
+    def _section_forces_of_checked(self, structure, solution):
+        """Return section forces along the checked elements, [n_item, n_place, 6], N and N m.
+
+        The last axis has N, Vy, Vz, T, My, Mz; bars have N only.
+        """
         axial = items_per_group(structure, solution.peak_tension)
         along = [None] * len(structure.groups)
         if any(isinstance(one, Bending) for one in structure.groups):
@@ -107,7 +113,7 @@ class _OnMembers(OnElements):
                 along[k] = (
                     jnp.zeros((*force.shape, self.places, 6)).at[..., 0].set(force[..., None])
                 )
-        return self.taken(structure, along)
+        return self.values_of_checked(structure, along)
 
 
 _OF_TUBES = "of circular sections both moments, and both shear forces, add as vectors"
@@ -155,7 +161,7 @@ class MemberSection(_OnMembers):
     not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave, and the resistances that follow."""
+        """Return the inputs and the resistances that follow from them, by labels of a report."""
         s, strength = self.section, self.yield_strength / self.gamma_m0
         areas = {"y": s.Avy, "z": s.Avz}
         shear = {f"Av{k} (m2)": "not checked" if v is None else v for k, v in areas.items()}
@@ -168,8 +174,8 @@ class MemberSection(_OnMembers):
         return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0, **resistances}
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return the section forces at the place that governs, and the utilization."""
-        forces = self._forces(structure, solution)
+        """Return section forces, N and N m, where they govern an element, x/L, and utilization."""
+        forces = self._section_forces_of_checked(structure, solution)
         used = section_utilization(forces, self.section, self.yield_strength, self.gamma_m0)
         place = jnp.argmax(jnp.where(jnp.isnan(used), -jnp.inf, used), axis=1)
         at = jnp.take_along_axis(forces, place[:, None, None], axis=1)[:, 0]
@@ -253,18 +259,18 @@ class MemberBuckling(_OnMembers):
                     "members get a check of their own, by elements"
                 )
             lengths = np.broadcast_to(lengths, (2,))
-            doubt("lengths", lengths, 0.0, 1e3, "are they in m?")
+            warn_if_unusual("lengths", lengths, 0.0, 1e3, "are they in m?")
             if not (lengths > 0).all():
                 raise ValueError(f"lengths = {self.lengths}: expected positive lengths, m")
             object.__setattr__(self, "lengths", tuple(lengths.tolist()))
-        doubt("youngs_modulus", self.youngs_modulus, 1e9, 1e12, "is it in Pa?")
+        warn_if_unusual("youngs_modulus", self.youngs_modulus, 1e9, 1e12, "is it in Pa?")
         if isinstance(self.reference, str):
             checks.require_one_of(self.reference, "reference", ["last phase"])
         if self.reference is not None and self.factors is None:
             raise ValueError("reference: belongs to factors, which are missing")
 
     def inputs(self) -> dict[str, Any]:
-        """Return the numbers and words that the user gave."""
+        """Return section, buckling lengths or factor, curves and so on, by labels of a report."""
         if self.lengths is None:
             how: dict[str, Any] = {"buckling factor": self.factors}
         else:
@@ -273,11 +279,14 @@ class MemberBuckling(_OnMembers):
         how |= {"curves": " and ".join(self.curves), "chi_LT": self.chi_lt}
         return {**super().inputs(), **how, "gamma_M1": self.gamma_m1}
 
-    def _reduction(self, structure, solution, pressed):
-        """Return chi about y and about z, [n_item] each, for compressions [n_item], N."""
+    def _buckling_reduction_factors(self, structure, solution, compression):
+        """Return the reduction factors chi about y and about z, [n_item] each, -.
+
+        `compression` is the compressive force of each element, positive, [n_item], N.
+        """
         s, strength = self.section, jnp.asarray(self.yield_strength)
         if self.lengths is None:
-            reference, begin = jnp.zeros_like(pressed), self.reference
+            reference, begin = jnp.zeros_like(compression), self.reference
             if isinstance(begin, str):
                 if len(solution.phases) < 2:
                     raise ValueError(
@@ -286,8 +295,8 @@ class MemberBuckling(_OnMembers):
                     )
                 begin = solution.phases[-2]
             if begin is not None:
-                reference = -self.taken(structure, begin.peak_tension)
-            critical = reference + self.factors * jnp.maximum(pressed - reference, 0.0)
+                reference = -self.values_of_checked(structure, begin.peak_tension)
+            critical = reference + self.factors * jnp.maximum(compression - reference, 0.0)
             # tension at the critical load: no buckling; an unknown factor leaves NaN
             critical = [jnp.where(critical <= 0, jnp.inf, critical)] * 2
         else:
@@ -298,14 +307,14 @@ class MemberBuckling(_OnMembers):
             buckling_reduction(jnp.sqrt(s.A * strength / force), curve)
             for force, curve in zip(critical, self.curves, strict=True)
         ]
-        return [jnp.broadcast_to(chi, pressed.shape) for chi in about]
+        return [jnp.broadcast_to(chi, compression.shape) for chi in about]
 
     def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return axial force, its resistance, the largest moments, and the utilization."""
-        forces = self._forces(structure, solution)
+        """Return axial force, resistance, N, largest moments, N m, and utilization, [n_item]."""
+        forces = self._section_forces_of_checked(structure, solution)
         smallest = forces[..., 0].min(axis=1)
-        pressed = jnp.maximum(-smallest, 0.0)
-        chi_y, chi_z = self._reduction(structure, solution, pressed)
+        compression = jnp.maximum(-smallest, 0.0)
+        chi_y, chi_z = self._buckling_reduction_factors(structure, solution, compression)
         s = self.section
         strength = jnp.asarray(self.yield_strength) / self.gamma_m1
         My, Mz = (jnp.abs(forces[..., k]) for k in (4, 5))
@@ -322,7 +331,7 @@ class MemberBuckling(_OnMembers):
             "N_b,Rd": resistance,
             "My": My.max(axis=1),
             "Mz": Mz.max(axis=1),
-            UTILIZATION: pressed / resistance + bending,
+            UTILIZATION: compression / resistance + bending,
         }
 
 

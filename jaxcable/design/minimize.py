@@ -190,10 +190,11 @@ def minimize(
 
 
 def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
-    """Search as `minimize` does, for known numbers.
+    """Return the `Design` that `minimize` finds, for known numbers; further arguments as of it.
 
-    The loss is a `TracedFunction` of flat parameters [n] and further arguments; `optimizer` is of
-    `_trace_optimizer`, or None. Where numbers that were traced break a rule nothing is evaluated.
+    The loss is a `TracedFunction` of flat parameters [n] and further arguments `args`;
+    `optimizer` is the result of `_trace_optimizer`, or None. Where numbers that were traced
+    break a rule nothing is evaluated.
     """
     params, box, scale = jax.tree.map(np.asarray, (params, box, scale))
     scale = None if scale is None else flat_vector(scale)
@@ -202,11 +203,11 @@ def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
         propose = _steps_of_optimizer(*optimizer, (loss, args, box, scale))
 
     def evaluate(x):
-        return _evaluate(loss, x, args)
+        return _loss_and_gradient(loss, x, args)
 
     given = evaluate, params, box, tol, steps, listen
     search = Descent(*given, scale=scale, propose=propose)
-    code = search.status()
+    code = search.run_if_valid()
     end = search.current if code in (status.OK, status.STATIONARY) else search.best
     point = unevaluated_point(search.start, 1, code) if end is None else end.point
     return Design(
@@ -223,17 +224,25 @@ def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
 
 
 @as_program
-def _evaluate(loss, x, args):
-    """Return a loss, a `TracedFunction`, with gradient and status at flat parameters [n]."""
+def _loss_and_gradient(loss, x, args):
+    """Return a loss, its gradient [n] and the status at flat parameters `x` [n].
+
+    `loss` is a `TracedFunction` of `x` and of further arguments `args`.
+    """
     (value, code), gradient = jax.value_and_grad(loss, has_aux=True)(x, *args)
     return value, gradient, code
 
 
 def _trace_optimizer(optimizer, loss, args, params, box):
-    """Trace a user's optimizer, which may read from outside what has changed.
+    """Trace a user's optax transformation, for a loss with further arguments `args`, within bounds.
 
-    Returns two of `TracedFunction`: that of its first state, and that of its step [n] and next
-    state. They have the parameters as one array [n].
+    It is traced in every call, because it may read variables that have changed. Its parameters,
+    a pytree like `params`, are one array [n] outside.
+
+    Returns:
+        Two of `TracedFunction`: from start and scale, [n], to the first state; and from loss,
+        `args`, bounds, scale, parameters, value, gradient and state to the step, [n], and the
+        next state.
     """
     optimizer, start = optax.with_extra_args_support(optimizer), flat_vector(params)
 

@@ -93,7 +93,7 @@ def worst_position(
             raise ValueError(
                 f"train: stands on the path {here}, the line is that of {there}; give both the same"
             )
-    stations, every = line.known_pieces()
+    stations, every = line.known_stations_and_coefficients()
     forces, spacings, way = (
         checks.array_if_known(x) for x in (train.forces, train.spacings, line.direction)
     )
@@ -158,8 +158,12 @@ def moving_load(
     return jax.vmap(one)(jnp.asarray(positions))
 
 
-def _line_at(stations, own, x):
-    """Return one line, with coefficients [n_piece, 4], at distances, zero beyond the path."""
+def _ordinates_at(stations, own, x):
+    """Return the ordinates of an influence line at distances `x`, m; zero beyond the path.
+
+    `own` has the coefficients of its cubics, lowest power first, [n_piece, 4], between
+    `stations` [n_piece + 1], m.
+    """
     piece = np.clip(np.searchsorted(stations, x, side="right") - 1, 0, len(own) - 1)
     part = (x - stations[piece]) / (stations[piece + 1] - stations[piece])
     inside = (x >= stations[0]) & (x <= stations[-1])
@@ -167,7 +171,16 @@ def _line_at(stations, own, x):
 
 
 def _best_position(stations, own, forces, behind):
-    """Return the position of a train with the largest result, and this result."""
+    """Return the position of the first axle, m, at which a result is largest, and this result.
+
+    Args:
+        stations, own: influence line, as of `_ordinates_at`.
+        forces: of the axles, [n_axle], N, by the direction of the line.
+        behind: distances of the axles behind the first one, [n_axle], m.
+
+    Returns:
+        Two numbers; NaN if the line is not finite.
+    """
     if not np.isfinite(own).all():
         return np.nan, np.nan
     meets = np.unique((stations[None] + behind[:, None]).ravel())
@@ -177,11 +190,11 @@ def _best_position(stations, own, forces, behind):
     at = begin[:, None] + width[:, None] * SAMPLES
     values = np.zeros_like(at)
     for force, back in zip(forces, behind, strict=True):
-        values += force * _line_at(stations, own, at - back)
+        values += force * _ordinates_at(stations, own, at - back)
     cubics = values @ TO_CUBIC.T
-    places = [np.zeros(len(begin)), np.ones(len(begin)), *_stationary(cubics)]
+    places = [np.zeros(len(begin)), np.ones(len(begin)), *_stationary_points(cubics)]
     # places are NaN where a cubic has fewer stationary points: these are left out below
-    reached = [_cubic_at(cubics, np.nan_to_num(x)) for x in places]
+    reached = [_evaluate_cubics(cubics, np.nan_to_num(x)) for x in places]
     reached = np.where(np.isnan(places), -np.inf, reached)
     kind, k = np.unravel_index(int(reached.argmax()), reached.shape)
     x = places[kind][k]
@@ -192,13 +205,16 @@ def _best_position(stations, own, forces, behind):
     return begin[k] + x * width[k], reached[kind, k]
 
 
-def _cubic_at(cubics, x):
-    """Return cubics with coefficients [n, 4] at x, [n]."""
+def _evaluate_cubics(cubics, x):
+    """Return the values of n cubics at one `x` each, [n]; coefficients [n, 4], constant first."""
     return (cubics * x[:, None] ** np.arange(4)).sum(axis=-1)
 
 
-def _stationary(cubics):
-    """Return both places within 0 to 1 at which cubics [n, 4] are stationary, [n]; NaN if none."""
+def _stationary_points(cubics):
+    """Return both places from 0 to 1 where the slope of n cubics [n, 4] is zero, two arrays [n].
+
+    Entries are NaN where a cubic has fewer of them.
+    """
     _, c, b, a = cubics.T
     a, b = 3 * a, 2 * b
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -84,7 +84,10 @@ class ResultEnvelope:
         return jax.tree.map(_values_in_cases, values, which)
 
     def _cases_and_extremes(self, result, side):
-        """Return the indices of the governing cases of a result, and its extreme values."""
+        """Return the indices of the governing cases of a result, and its extreme values.
+
+        Both are pytrees like the result; `side` is "low" or "high".
+        """
         checks.require_one_of(side, "side", ("low", "high"))
         cases = self.low_case if side == "low" else self.high_case
         return self._values_of_result(result, cases), (self.low if side == "low" else self.high)[
@@ -92,7 +95,7 @@ class ResultEnvelope:
         ]
 
     def _values_of_result(self, result, values):
-        """Return `values[result]`; ValueError for an unknown name."""
+        """Return `values[result]`; ValueError, which suggests names, for an unknown one."""
         if result not in values:
             hint = checks.suggest_names(result, values)
             raise ValueError(f"result = {result!r}: is no result of the envelope{hint}")
@@ -100,14 +103,14 @@ class ResultEnvelope:
 
 
 def _values_in_cases(values, which):
-    """Return from values [n_case, ...] those of the cases `which` [...]."""
+    """Return from `values` [n_case, ...] each entry in its own case, of index `which` [...]."""
     return jnp.take_along_axis(values, which[None], axis=0)[0]
 
 
 def extreme_cases(values: Float[ArrayLike, "n_case ..."], sign: int) -> Int[Array, " ..."]:
-    """Return the index of the case with the largest value (`sign` 1) or the smallest (-1).
+    """Return for each entry the index of the case of largest value (`sign` 1) or smallest (-1).
 
-    NaN does not count; without any value it is 0.
+    NaN does not count; without any value the index is 0.
     """
     sizes = jax.lax.stop_gradient(sign * jnp.asarray(values))
     return jnp.argmax(jnp.where(jnp.isnan(sizes), -jnp.inf, sizes), axis=0)
@@ -118,7 +121,7 @@ def values_of_cases(
 ) -> PyTree[Float[Array, "n_case ..."]]:
     """Return the values of a function in all cases, [n_case, ...]; NaN in cases that have failed.
 
-    Derivatives pass by cases that have failed, but are NaN, as all values, where every case has.
+    A failed case does not make derivatives of the others NaN; if all have failed, all are NaN.
     """
     good = jnp.asarray(solutions.status) == status.OK
     taken, factor = good | ~good.any(), jnp.where(good.any(), 1.0, jnp.nan)
@@ -164,8 +167,11 @@ def result_envelope(
     return ResultEnvelope(low, high, low_case, high_case, values, solutions.status, tuple(names))
 
 
-def _where_active(values, present):
-    """Return values of elements with NaN where they are not active; `present` None: all are."""
+def _nan_where_inactive(values, present):
+    """Return results [n_elem] by group, NaN where elements are inactive.
+
+    `present` is 1 where they are active, [n_elem] by group; None: all are.
+    """
     if present is None:
         return values
     return jax.tree.map(
@@ -177,9 +183,12 @@ def _where_active(values, present):
 
 
 def _results_of_case(structure, solution, places):
-    """Return the results of one case of which there are envelopes, a dict by name."""
+    """Return the results of one case that an envelope covers, by name.
+
+    Section forces are those at as many `places` along each beam.
+    """
     found = {
-        "tension": _where_active(solution.peak_tension, solution.present),
+        "tension": _nan_where_inactive(solution.peak_tension, solution.present),
         "displacement": solution.displacement,
         "reactions": solution.reactions,
     }

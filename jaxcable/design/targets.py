@@ -88,7 +88,7 @@ class Target:
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
         finite = Rule("value", value, lambda v: ~(abs(v) < np.inf), "must be finite")
         object.__setattr__(self, "value", owned_copy(nan_if_broken(finite)))
-        object.__setattr__(self, "at", owned_copy(_check_index(self.at)))
+        object.__setattr__(self, "at", owned_copy(_checked_index(self.at)))
         usual = 1.0 if callable(self.of) else WITHIN.get(self.of, 1.0)
         within = checks.as_scalar(usual if self.within is None else self.within, "within")
         text = "must be positive and finite"
@@ -176,24 +176,24 @@ def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Arra
 
 
 def _group_keys(groups):
-    """Return the keys of a dict of groups, or the indices of a list or tuple."""
+    """Return the keys of groups of elements: those of a dict, indices of a list or tuple."""
     return list(groups) if isinstance(groups, dict) else range(len(groups))
 
 
 def result_names_for_targets(targets: Sequence[Target]) -> tuple[str, ...]:
     """Return the names of the phase results that must be differentiated for these targets.
 
-    If all targets are of common results (positions, tensions ...) it is always the same tuple, so
-    that they share one compiled program; otherwise it has all results.
+    If all targets are of common results (positions, tensions and so on) it is always the same
+    tuple, so that they share one compiled program; otherwise it has the names of all results.
     """
     usual = all(target.of in (*_COMMON, _IN_PHASE) for target in targets)
     return _COMMON if usual else (*RESULT_NAMES, "began")
 
 
-def _check_index(at):
-    """Return an array index with its lists converted to NumPy arrays; ValueError if it is none."""
+def _checked_index(at):
+    """Return an array index with its lists as NumPy arrays; ValueError if it is no index."""
     if isinstance(at, tuple):
-        return tuple(map(_check_index, at))
+        return tuple(map(_checked_index, at))
     if at is ... or at is None or isinstance(at, slice):
         return at
     array = np.asarray(at)

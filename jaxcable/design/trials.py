@@ -82,7 +82,7 @@ class TrialPoint(NamedTuple):
 
 
 def unevaluated_point(x: Float[np.ndarray, " n"], count: int, code: int) -> TrialPoint:
-    """Return the record of a start `x`, [n], without results: there are `count` values of NaN."""
+    """Return a `TrialPoint` at `x`, [n], that is not evaluated: its `count` values are NaN."""
     nan = np.full((count, 1 + x.size), np.nan, x.dtype)
     return TrialPoint(x, nan[:, 0], nan[:, 1:], code)
 
@@ -122,14 +122,14 @@ class Search:
         self.best: Any = None
         self.rows: list[tuple[float, ...]] = []
 
-    def status(self) -> int:
-        """Search, unless what was traced is invalid, and return the status."""
+    def run_if_valid(self) -> int:
+        """Run the search, unless traced numbers turn out to be invalid; return the status code."""
         code = self.box.input_status(self.start, self.tol)
         with np.errstate(all="ignore"):
             return self.run() if code == status.OK else code
 
     def run(self) -> int:
-        """Search, and return the status."""
+        """Search from the start, and return the status code; subclasses implement it."""
         raise NotImplementedError
 
     def evaluate_at(self, x: Float[np.ndarray, " n"]) -> TrialPoint:
@@ -147,7 +147,11 @@ class Search:
         return point
 
     def record(self, row: tuple[float, ...], kind: Callable[..., Any], *news: Any) -> None:
-        """Add a row to the history, and report it with some `news` as a `progress` of this kind."""
+        """Append a row of numbers to the history, and call `listen` with a report.
+
+        The report is `kind`, a class of `progress`, with the index of the row, the largest
+        number of steps and the numbers `news`.
+        """
         self.rows.append(row)
         if self.listen is not None:
             numbers = (np.asarray(x).item() for x in news)

@@ -263,7 +263,7 @@ def tune(
 
 
 def _make_tuned(structure, phases, targets, solution, found, spent):
-    """Return the `Tuned` of a `Fit` that a search has found, and of the solution of its phases.
+    """Return the `Tuned` of `found`, the `Fit` of the search, and of the solution of its `phases`.
 
     `spent` are the numbers of trial points of all searches.
     """
@@ -273,7 +273,7 @@ def _make_tuned(structure, phases, targets, solution, found, spent):
     influence = checks.as_numpy_if_known(found.jacobian) * within[:, None]
     first_phase = min(t.phase % len(phases) for t in targets)
     remarks = _describe_nearly_slack(structure, solution, first_phase)
-    remarks = _describe_missed(targets, deviation, solution) + remarks
+    remarks = _describe_missed_targets(targets, deviation, solution) + remarks
     steps = sum(map(checks.as_numpy_if_known, spent))
     numbers = internals.as_jax_arrays((deviation, met, influence))
     flags = found.free, found.without_influence, found.status, internals.as_jax_arrays(steps)
@@ -287,10 +287,10 @@ def _weighted_deviations(targets, solution):
     return checks.numpy_or_jax(parts).concatenate(parts)
 
 
-def _describe_missed(targets, deviation, solution):
-    """Describe the targets that are missed by their deviations, a tuple of sentences.
+def _describe_missed_targets(targets, deviation, solution):
+    """Return a sentence for each missed target, a tuple, from measured minus wanted values.
 
-    It is empty if the analysis failed or is traced.
+    `deviation` has these for each target, [n]. It is empty if the analysis failed or is traced.
     """
     code = solution.status
     if checks.numpy_or_jax(code, deviation) is not np or np.any(np.asarray(code) != status.OK):
@@ -304,9 +304,10 @@ def _describe_missed(targets, deviation, solution):
 
 
 def _describe_nearly_slack(structure, solution, first_phase):
-    """Describe the cables that are slack at the end, or nearly so in phase `first_phase` or later.
+    """Return sentences on cables that are slack at the end, or nearly so in a phase.
 
-    Returns a tuple of sentences, empty if the analysis failed or is traced.
+    They are a tuple, empty if the analysis failed or is traced. Phases count from `first_phase`
+    on; nearly slack is a force below 5 % of the largest one of the group in any phase.
     """
     if isinstance(solution.status, jax.core.Tracer) or int(solution.status) != status.OK:
         return ()

@@ -13,7 +13,8 @@ Other abilities are attributes of `Element`, because they depend on a law or a l
 | `face` | none: loads on areas then find it by its group |
 | `inner_unknowns`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 
-`contract.require` refuses a group that lacks one of them; `contract.check` calls all methods.
+`contract.require_abilities` refuses a group that lacks one of them; `contract.check` calls all of
+them.
 """
 
 from __future__ import annotations
@@ -295,7 +296,7 @@ class TensionElement(Element):
     """
 
     def has_tension_unknown(self, state: OwnState) -> bool:
-        """Return whether the tension can be an unknown of the equations, with this state."""
+        """Return whether the tensions of a group in this state can be unknowns of the equations."""
         return True
 
     def suits_cone_solver(self, state: OwnState) -> bool:
@@ -347,7 +348,7 @@ class Rounding(Element):
 
     @abc.abstractmethod
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of `end_forces` from the rounding of displacements, in their shape."""
+        """Return an estimate of the absolute rounding error of `end_forces`, in their shape, N."""
 
 
 POINT_LOADS = Result(

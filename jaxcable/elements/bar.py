@@ -25,7 +25,10 @@ class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
         return self.locked_off_state(state, length, change)
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces from the rounding of displacements, [2, 3], N."""
+        """Return an estimate of the absolute error of the end forces, [2, 3], N, from rounding.
+
+        It is 8 eps of the largest displacement, times the axial stiffness over the length.
+        """
         vector, length, _, _ = measure_chord(ends, motion)
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) / length

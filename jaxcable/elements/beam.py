@@ -6,10 +6,10 @@ statics of forces in this frame. `bending` has the strains along the axis: from 
 (Bernoulli), and from a load or a neutral axis off the node axis. A rigid motion of any size changes
 no strain. Warping is not modelled; `shear` has the shear flexibility of sections that state it.
 
-An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
-end then has a further row of motion for its rotation (see `Structure.motion_rows`). A joint
-releases some rotations, or restrains them by springs; the rotation of the end against its node is
-then an inner unknown of the element (`inner_unknowns`).
+An end is connected to its node rigidly, by a hinge, or semi-rigidly. A hinge releases all
+rotations; the end then has a further row of motion for its rotation (see `Structure.motion_rows`).
+A semi-rigid connection releases some rotations, or restrains them by springs; the rotation of the
+end against its node is then an inner unknown of the element (`inner_unknowns`).
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             more; also the number of integration points of sections that are not linear. Default 3,
             or 5 for sections that are not linear. With 3 the fibres of such sections see linear
             curvatures, without the effect of loads along the element.
-        springs: rotational stiffness of a joint where `hinges` is True (semi-rigid), scalar,
+        springs: rotational stiffness of a semi-rigid connection where `hinges` is True, scalar,
             [2, 3] or [n_elem, 2, 3], N m/rad; default none. It has no effect where `hinges` is
-            False. Joints with springs, or with hinges in some directions only, must turn by less
-            than a full turn.
+            False. Ends with springs, or with hinges in some directions only, must turn against
+            their nodes by less than a full turn.
 
     Raises:
         ValueError: wrong shapes, values that are not positive, `up` along an element or missing
@@ -150,7 +150,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             raise ValueError(
                 f"points = {self.points!r}: expected an integer from 3 to {_MAX_POINTS}"
             )
-        self._check_hinges()
+        self._check_and_broadcast_hinges()
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
@@ -177,7 +177,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
         return [Rule("up", (self.up, chord), along, text)]
 
-    def _check_hinges(self):
+    def _check_and_broadcast_hinges(self):
         """Check `hinges` and `springs`, and broadcast both to [n_elem, 2, 3]; ValueError if wrong.
 
         Without springs, and with all hinges in all directions, `springs` becomes None.
@@ -346,7 +346,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Return the initial axes of one element in rows: along it, the section's y and z."""
-        return _axes(self.up, ends)
+        return _beam_axes(self.up, ends)
 
     def end_slopes_and_axes(
         self, state: AxialState, ends: Ends, motion: Motion
@@ -381,8 +381,8 @@ def _torsion_rule(springs, hinges):
     return Rule("springs", (springs, hinges), broken, text)
 
 
-def _axes(up, ends):
-    """Return the axes of a beam with its z towards `up` [3], or upwards if it is None, [3, 3]."""
+def _beam_axes(up, ends):
+    """Return unit axes of a beam in rows, [3, 3]: chord, y, z towards `up` [3] (None: upwards)."""
     chord = ends[1] - ends[0]
     along = chord / jnp.sqrt(scalar_product(chord, chord))
     if up is None:
@@ -395,5 +395,5 @@ def _axes(up, ends):
 
 @as_program
 def _axes_of_elements(up, ends):
-    """Return `_axes` of all elements, [n_elem, 3, 3]; a program."""
-    return jax.vmap(_axes)(up, ends)
+    """Return `_beam_axes` of all elements, [n_elem, 3, 3]; a program."""
+    return jax.vmap(_beam_axes)(up, ends)

@@ -26,7 +26,7 @@ from ..numerics.rotations import (
     moment_conjugate_to_stereographic,
     move_node_by_series,
     rotate,
-    rotation_vector,
+    stereographic_to_rotation_vector,
 )
 from . import beam_statics, bending, corotation
 from .bending import split_strains
@@ -57,7 +57,7 @@ class BeamElement(InnerUnknowns):
         if self.springs is not None:  # the ends turn against their nodes
             turns = [
                 compose(turn, from_stereographic(joint @ axes))
-                for turn, joint in zip(turns, self._joint_rotations(state, motion), strict=True)
+                for turn, joint in zip(turns, self._hinge_rotations(state, motion), strict=True)
             ]
         return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns), state.kinks)
 
@@ -85,7 +85,7 @@ class BeamElement(InnerUnknowns):
         return axes, pose, *self._strain_field_and_load(state, axes, pose, motion)
 
     def _strains_at_integration_points(self, field):
-        """Return section strains e0, ky, kz of a `bending.StrainField` there, [n_point, 3]."""
+        """Return section strains e0, ky, kz (-, 1/m) of a `bending.StrainField`, [n_point, 3]."""
         return field.strains_at(bending.gauss_lobatto(self.points)[0])
 
     def _torsional_stiffness(self):
@@ -115,7 +115,7 @@ class BeamElement(InnerUnknowns):
         return self._forces_from_deformation(state, motion, self._deformation(state, ends, motion))
 
     def _forces_from_deformation(self, state, motion, deformation, force_law=None):
-        """Return `_internal_forces` at a `_deformation`; `force_law`: N, My, Mz from strains."""
+        """Return `_internal_forces` from `_deformation`; `force_law`: N, My, Mz from strains."""
         axes, pose, field, load = deformation
         length, rotations = state.rest_length, pose.rotations
         following = None
@@ -131,13 +131,13 @@ class BeamElement(InnerUnknowns):
             inner = [unbalanced[0, : self._n_strain_rows] / length]
         if self._n_strain_rows == 2:
             inner.append(unbalanced[1] * 32 / length**2)
-        for _, about in self._shear_places:
+        for _, about in self._shear_angle_indices:
             inner.append(unbalanced[2, about : about + 1] / length)
         if self.springs is not None:
-            for k, joint in enumerate(self._joint_rotations(state, motion)):
+            for k, joint in enumerate(self._hinge_rotations(state, motion)):
                 moment = axes @ rotate(invert(motion[k, 3:]), moments[k])
                 moment = moment_conjugate_to_stereographic(joint, moment)
-                angle, pull_back = jax.vjp(rotation_vector, joint)
+                angle, pull_back = jax.vjp(stereographic_to_rotation_vector, joint)
                 inner.append((moment + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
@@ -223,7 +223,7 @@ class BeamElement(InnerUnknowns):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "12+k 12+k"]:
-        """Return the matrix of a `mass`, kg, spread evenly along the axis, [12 + k, 12 + k], kg.
+        """Return the matrix of a `mass`, kg, uniform along the axis, [12 + k, 12 + k], kg.
 
         The mass matrix "consistent" takes the deflections of `bending` (cubic without load),
         "lumped" has halves at the ends, "mean" is the mean of both. None is "consistent" across the
@@ -271,8 +271,8 @@ class BeamElement(InnerUnknowns):
         if field.points is not None:
             total = total - bending.work_of_point_loads(field, pose.rotations)
         if self.springs is not None:
-            turned = jax.vmap(rotation_vector)(self._joint_rotations(state, motion))
-            total = total + 0.5 * jnp.sum(self.springs * turned**2)
+            turns = jax.vmap(stereographic_to_rotation_vector)(self._hinge_rotations(state, motion))
+            total = total + 0.5 * jnp.sum(self.springs * turns**2)
         return total
 
     def has_result(self, name: str, state: AxialState) -> bool:
@@ -330,7 +330,7 @@ class BeamElement(InnerUnknowns):
     def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "n 3"]:
         """Return strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
         field = self._deformation(state, ends, motion)[2]
-        if not beam_statics.lacks_strains(field):
+        if not beam_statics.lacks_clamped_end_strains(field):
             return self._strains_at_integration_points(field)
         found = self.section_forces(state, ends, motion)
         return beam_statics.strains_of_linear_section(self.section.stiffness(), found)
@@ -366,7 +366,7 @@ class BeamElement(InnerUnknowns):
         return jnp.asarray(bending.gauss_lobatto(self.points)[1], size.dtype) @ size
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of `end_forces` from the rounding of displacements, in their shape."""
+        """Return an estimate of the absolute rounding error of `end_forces`, N, N m, [n_end, 6]."""
         vector, length, _, _ = measure_chord(ends, motion[:2, :3])
         stiffness = jnp.diagonal(self.section.stiffness())
         across = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2

@@ -25,7 +25,7 @@ def section_forces_by_equilibrium(
     Where a concentrated load acts they are those just before it (`point_loads.is_before`).
 
     Args:
-        pose, field: of the element.
+        pose, field: frame of the element (`corotation.pose`), and its strains.
         load: load per unstressed length along the rotated axes, [3], N/m, or None.
         end_forces: force on the second end, [3], N, and moments on both ends, [2, 3], N m.
         length: unstressed length, m.
@@ -60,10 +60,10 @@ def section_forces_by_equilibrium(
     return (both - change + 0.5 * cross_products(spin, change)).reshape(-1, 6)
 
 
-def lacks_strains(field: bending.StrainField) -> bool:
-    """Return whether the strains of a linear section lack those between clamped ends.
+def lacks_clamped_end_strains(field: bending.StrainField) -> bool:
+    """Return whether `field` leaves out strains that concentrated loads cause between clamped ends.
 
-    It is so for concentrated loads on elements that are flexible in shear.
+    It is so for linear sections that are flexible in shear.
     """
     return field.points is not None and field.points.axial is not None and field.points.sheared
 
@@ -111,7 +111,13 @@ def peak_axial_force(
 def point_loads_along(
     axes: Float[Array, "3 3"], points: Float[Array, "k 4or7"]
 ) -> Float[Array, "k 7"]:
-    """Return concentrated loads with forces and moments along rotated axes, [k, 7]."""
+    """Return concentrated loads with forces and moments along rotated axes, as of `POINT_LOADS`.
+
+    Args:
+        axes: rotated axes of the element, one in each row.
+        points: place, 0 to 1, force, N, and moment, N m, in space, as of `ElementLoad.points`; with
+            four columns all moments are zero.
+    """
     vectors = [points[:, k : k + 3] @ axes.T for k in range(1, points.shape[1], 3)]
     found = jnp.concatenate([points[:, :1], *vectors], axis=1)
     return jnp.pad(found, ((0, 0), (0, 7 - found.shape[1])))

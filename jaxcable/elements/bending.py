@@ -69,7 +69,7 @@ class StrainField:
         """Return the section strains e0, ky, kz at positions from 0 to 1, [n, 3]."""
         places = jnp.asarray(places, self.strain.dtype)
         strains = legendre_basis(places) @ self.strain
-        if self.points is None or not self.points.bends_alone:
+        if self.points is None or not self.points.has_clamped_field:
             return strains
         return strains + strain_of_clamped_field(self.points, places)
 
@@ -320,7 +320,7 @@ def deflected_axis(
     along = chord * s - push * s * (1 - s)
     along_area = chord * s**2 / 2 - push * (s**2 / 2 - s**3 / 3)
     twist = rotations[0, 0] + s * field.twist
-    if field.points is not None and field.points.bends_alone:
+    if field.points is not None and field.points.has_clamped_field:
         at = s[:, 0]
         (pulled, bent), (_, slope), (pulled_area, bent_area) = (
             field.points.clamped_field(at, order) for order in (0, 1, -1)

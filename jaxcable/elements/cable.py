@@ -104,8 +104,11 @@ class TensionOnly(Straight, TensionElement):
         return self.is_unstressed(state, ends, motion)
 
     def _zero_if_slack(self, value, strain, memory):
-        """Return `value`, or zero in a slack cable; a `Parallel` law has zeros there already."""
-        if isinstance(self._axial_section()[1], Parallel):
+        """Return `value`, a force, stress or energy at a strain, or zero if the cable is slack.
+
+        A `Parallel` law has zeros there already. `memory` has history variables, or is None.
+        """
+        if isinstance(self._stiffness_law_and_area()[1], Parallel):
             return value
         return jnp.where(self._is_slack_at(strain, memory), 0.0, value)
 
@@ -115,11 +118,11 @@ class TensionOnly(Straight, TensionElement):
             return strain < 0
         # plastic strain has lengthened the cable: the law (or several of them, by the sum of their
         # stresses) says where the force ends
-        return self._axial_section()[1].is_slack(strain, memory)
+        return self._stiffness_law_and_area()[1].is_slack(strain, memory)
 
-    def _axial_section(self):
-        """Return axial stiffness, law (without compression) and area, as `Straight` does."""
-        stiffness, law, area = super()._axial_section()
+    def _stiffness_law_and_area(self):
+        """Return axial stiffness, N, law (without compression), and area, m2, as for `Straight`."""
+        stiffness, law, area = super()._stiffness_law_and_area()
         return stiffness, None if law is None else law.tension_only(), area
 
 

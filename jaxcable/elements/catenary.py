@@ -82,7 +82,12 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         super().__post_init__()
 
     def _solve_shape(self, state, ends, motion):
-        """Return tension vector at mid-length, mean tension, shape parameter theta, and chord."""
+        """Return what solves the equations of one hanging cable at a motion of its ends.
+
+        Returns:
+            The tension vector at mid-length, [3], N; the mean of both end tensions, N; the shape
+            parameter theta of `hanging`; and the chord vector, [3], m.
+        """
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
         force, tau, theta = hanging.solve_catenary(
             chord,
@@ -96,7 +101,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     @property
     def stiffness_with_spring(self) -> Any:
         """Axial stiffness, N, of EA and the spring in series: ``EA / (1 + compliance EA)``."""
-        return self._axial_section()[0]
+        return self._stiffness_law_and_area()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
         """Return whether elements have the result `name`; those of both ends only under a load."""
@@ -175,7 +180,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces from the rounding of displacements, [2, 3], N."""
+        """Return an estimate of the absolute error of the end forces, [2, 3], N, from rounding."""
         at = self.tension_response(state, ends, motion)
         moved = 8 * jnp.finfo(motion.dtype).eps * jnp.max(jnp.abs(motion))
         return moved * at.slope * jnp.abs(at.unit_forces)
@@ -296,13 +301,19 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
 
 def _end_tensions(force, state):
-    """Return the tensions at both ends, [2], N, from the tension vector at mid-length, [3]."""
+    """Return the tensions at the first and the second end of one cable under a load, [2], N.
+
+    `force` is the tension vector at mid-length, [3], N.
+    """
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
 def _end_pull(force, state):
-    """Return the forces on the nodes at both ends, [2, 3], N, from the tension at mid-length."""
+    """Return the forces on the nodes at both ends, [2, 3], N.
+
+    `force` is the tension vector at mid-length, [3], N, towards the second end.
+    """
     if state.line_load is None:
         return jnp.stack([force, -force])
     half = 0.5 * state.rest_length * state.line_load

@@ -20,7 +20,7 @@ from .prestress import AxialState, jack_value_or
 from .straight import Straight
 
 OPENING = Result("opening", "m")
-"""Distance by which a contact or bearing is open; negative: it is pressed in by so much."""
+"""Distance by which a contact or bearing is open, m; negative: it is compressed by so much."""
 
 
 class CompressionOnly(Straight):
@@ -30,7 +30,7 @@ class CompressionOnly(Straight):
     compression_only = True
 
     def opening(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the distance of the ends minus the unstressed length, m; negative: pressed."""
+        """Return the distance of the ends minus the unstressed length, m; negative: compressed."""
         return self.strain(state, ends, motion) * state.rest_length
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
@@ -45,7 +45,7 @@ class CompressionOnly(Straight):
         With history variables, parts of a law that have yielded still pull and push each other in
         an open contact, and this energy remains.
         """
-        return super().energy_per_length(self._closed_strain(strain, memory), memory)
+        return super().energy_per_length(self._strain_up_to_opening(strain, memory), memory)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
@@ -55,7 +55,7 @@ class CompressionOnly(Straight):
         They are zero unless the section has several laws and some have yielded. A contact with one
         law in place of a section has one stress, a scalar.
         """
-        return super().fibre_stress(self._closed_strain(strain, memory), memory)
+        return super().fibre_stress(self._strain_up_to_opening(strain, memory), memory)
 
     def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of absolute forces of the law's parts, N; zero in an open contact."""
@@ -69,7 +69,7 @@ class CompressionOnly(Straight):
 
         An open contact stays at the strain at which it has opened.
         """
-        return super().commit_memory(self._closed_strain(strain, memory), memory, duration)
+        return super().commit_memory(self._strain_up_to_opening(strain, memory), memory, duration)
 
     def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
         """Return whether a strain is beyond the rupture of the law in compression."""
@@ -106,13 +106,19 @@ class CompressionOnly(Straight):
         return strain > self._opening_strain(strain, memory)
 
     def _opening_strain(self, like, memory):
-        """Return the strain at which the force ends; zero without history variables."""
+        """Return the strain above which the contact is open, in the shape of `like`.
+
+        It is zero without history variables (`memory` is None).
+        """
         if memory is None:
             return jnp.zeros_like(like)
         return self.strain_at(jnp.zeros_like(like), memory)
 
-    def _closed_strain(self, strain, memory):
-        """Return the strain of the material; in an open contact the one at which it has opened."""
+    def _strain_up_to_opening(self, strain, memory):
+        """Return the strain, but not above that at which the contact opens: that of its material.
+
+        `memory` has the history variables, or is None.
+        """
         opening = self._opening_strain(strain, memory)
         return jnp.where(strain > opening, opening, strain)
 
@@ -129,7 +135,7 @@ class Contacts(CompressionOnly, TwoNodeStraight):
     bearing that presses along a fixed direction on one node see `Bearings`. (A gap that closes in
     tension, a hook, is one of `Cables` with a `rest_length` above the distance of its ends.)
 
-    Reports count open contacts among the slack elements. The energy of pressed elements is not
+    Reports count open contacts among the slack elements. The energy of compressed elements is not
     convex, so that a structure can have several equilibria; they are found as those of `Bars`.
 
     Args:

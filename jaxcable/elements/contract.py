@@ -1,7 +1,7 @@
 """Check that a class of elements keeps the contract of `element` and `abilities`.
 
-`require` checks the attributes of every group of a structure. `check` is for authors of elements:
-it also calls the methods of a group, and compares forces, tangent and energy.
+`require_abilities` checks the attributes of every group of a structure. `check` is for authors of
+elements: it also calls the methods of a group, and compares forces, tangent and energy.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ REQUIRED_METHODS = {
 """Methods that a group must define where an attribute is True; see the table in `abilities`."""
 
 
-def require(group: Element, name: str) -> None:
+def require_abilities(group: Element, name: str) -> None:
     """Raise ValueError if a group lacks methods or results that its attributes require.
 
     The attribute ``has_memory = True``, for example, requires a method `initial_memory`.
@@ -35,12 +35,15 @@ def require(group: Element, name: str) -> None:
         group: element group.
         name: name of the group in messages.
     """
-    for text in _missing_abilities(group):
+    for text in _missing_ability_faults(group):
         raise ValueError(f"{name} ({type(group).__name__}): {text}")
 
 
-def _missing_abilities(group):
-    """Yield a sentence for each method or result that a group lacks, or declares wrongly."""
+def _missing_ability_faults(group):
+    """Yield a sentence for each method or result that a group lacks, or declares wrongly.
+
+    What it must have follows from its attributes and base classes, see `abilities`.
+    """
     kind = type(group)
     for attribute, methods in REQUIRED_METHODS.items():
         for method in methods:
@@ -87,7 +90,7 @@ def _missing_abilities(group):
 
 
 def _inherits_default(kind, method):
-    """Return whether a class has a method, by its name, from `Element` without overriding it."""
+    """Return whether the class `kind` inherits `method`, a name, from `Element` itself."""
     return getattr(kind, method) is getattr(Element, method)
 
 
@@ -135,7 +138,7 @@ def check(
     if not found:  # calling methods needs a sound declaration
         conservative = group.symmetric if conservative is None else conservative
         found = [
-            *_missing_abilities(group),
+            *_missing_ability_faults(group),
             *trial.method_faults(group, nodes, state, motion, tol, conservative),
         ]
     if found:

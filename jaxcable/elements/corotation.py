@@ -35,7 +35,7 @@ from ..numerics.rotations import (
     invert,
     moment_conjugate_to_spin,
     shortest_rotation,
-    small_rotation_vector,
+    small_stereographic_to_rotation_vector,
     to_matrix,
     to_stereographic,
 )
@@ -82,10 +82,10 @@ def pose(
     """Return the `Pose` of an element from the motion of its ends.
 
     Args:
-        axes: initial axes, one in each row.
-        ends: initial positions, m.
-        displacements: of the ends, m.
-        quaternions: rotations of the ends, unit quaternions.
+        axes: initial axes, one unit vector in each row: along the chord, the section's y and z.
+        ends: initial positions of both ends, m.
+        displacements: of both ends, m.
+        quaternions: rotations of both ends from the initial state, unit quaternions, scalar first.
         kinks: rotation vectors of the ends at which the element is unstressed; None: zero.
     """
     vector, length, change, _ = measure_chord(ends, displacements)
@@ -100,7 +100,7 @@ def pose(
     turns = jax.vmap(lambda q: axes @ to_stereographic(compose(back, q)))(quaternions)
     half = compose(quaternions[1], invert(halfway))
     half = jnp.where(half[0] < 0, -half, half)
-    rotations = jax.vmap(small_rotation_vector)(turns)
+    rotations = jax.vmap(small_stereographic_to_rotation_vector)(turns)
     if kinks is not None:
         rotations = rotations - kinks
     turned = axes @ to_matrix(frame).T
@@ -115,7 +115,7 @@ def pressure_load(
     Args:
         pose: of the element.
         pressures: `ElementLoad.pressures` of the element.
-        rest_length: m.
+        rest_length: unstressed length, m.
 
     Returns:
         The load, [3], N/m. Its derivative by the length of the chord, [3], N/m2. A matrix [3, 3]

@@ -114,7 +114,7 @@ class Element(abc.ABC):
             its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether the load along it slides from node to node with the element;
             `sliding_load_forces` then returns the resulting change of the nodal forces.
-        is_chain: whether the ends are those of successive straight pieces with an axial force each,
+        is_chain: whether the ends are those of successive straight segments with an axial force each,
             from which the forces at all ends follow. The iteration then predicts these forces.
     """
 
@@ -194,7 +194,10 @@ class Element(abc.ABC):
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Split an `amount` of each element among its ends; `ends` are their initial positions."""
+        """Split an `amount`, such as a weight, among the ends of each element, [n_elem, n_end].
+
+        `ends` are their initial positions, m. The shares of an element add up to its amount.
+        """
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
@@ -343,7 +346,7 @@ class Element(abc.ABC):
         return jnp.zeros((), bool)
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one element is between bearing and slack: forces have no derivative."""
+        """Return whether one element is just between taut and slack: no derivative of its force."""
         return jnp.zeros((), bool)
 
     # --- rupture, history variables, and loads that slide: see the table in `abilities`
@@ -394,5 +397,5 @@ class Element(abc.ABC):
         return {name: getattr(self, name)(state, ends, motion) for name in names}
 
     def has_result(self, name: str, state: OwnState) -> bool:
-        """Return whether the group has the result `name` in this state."""
+        """Return whether the method `name` gives a result in this state, with its loads."""
         return name in ("end_forces", "is_slack", *(result.name for result in self.results))

@@ -56,7 +56,12 @@ class ElementLoad:
     def with_total_loads(
         self, amounts: TotalLoads, rest_length: Float[Array, " n_elem"]
     ) -> ElementLoad:
-        """Return these loads with `amounts` as from `total_loads`, for an unstressed length, m."""
+        """Return these loads with other amounts, at the same places and along the same axes.
+
+        Args:
+            amounts: dead loads on whole elements, N, and pressures, N/m, as `total_loads` has them.
+            rest_length: unstressed lengths over which dead loads are distributed, [n_elem], m.
+        """
         line, pressures = amounts
         points = self.points
         if points is not None:
@@ -74,10 +79,19 @@ class ElementLoad:
 class ElementState:
     """State of a group, which phases change: a pytree whose arrays have a leading axis [n_elem].
 
-    A class of states has those of the fields below that its elements use (`prestress.AxialState`
-    describes them); others are None, and an analysis that has to set one raises ValueError
-    (`with_fields`). Elements that phases activate need `present`, and the method
-    `state_at_activation` of their group.
+    A class of states has those of the fields below that its elements use; others are None, and an
+    analysis that has to set one raises ValueError (`with_fields`). Elements that phases activate
+    need `present`, and the method `state_at_activation` of their group.
+
+    Attributes:
+        rest_length: unstressed length, [n_elem], m.
+        elongation: initial chord minus unstressed length, [n_elem], m.
+        jack_force: axial force that a jack prescribes, [n_elem], N; None outside of jacking.
+        jacked: which elements have a jack, [n_elem] bool; None: all, if there is a `jack_force`.
+        thermal_stretch: unstressed length over that at the reference temperature, [n_elem].
+        memory: history variables, such as plastic strains, a pytree of arrays [n_elem, ...].
+        element_load: loads along the elements that shape them, an `ElementLoad`.
+        present: which elements are active, [n_elem] bool; None if all are, in all phases.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
@@ -100,9 +114,10 @@ class ElementState:
         return self.rest_length
 
     def weighed_anew(self) -> Self:
-        """Return the state at the start of a phase: weight and loads act on the unstressed length.
+        """Return the state with `load_bearing_length` set to the present unstressed length.
 
-        The default is the state as it is, for elements whose `load_bearing_length` is that already.
+        It is called at the start of every phase. The default is the state as it is, for elements
+        whose `load_bearing_length` is always the unstressed length.
         """
         return self
 

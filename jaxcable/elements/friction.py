@@ -1,22 +1,22 @@
-"""Coulomb friction of a cable on the nodes that deviate it: the tensions of its pieces.
+"""Coulomb friction of a cable on the nodes that deviate it: the tensions of its segments.
 
 Over a deviator the tension changes by at most a factor ``exp(b)``, and by this factor where the
 cable slips, against the slip:
 
     exp(-b) <= T_2 / T_1 <= exp(b),    b = mu theta,
 
-with the angle theta between the directions of the two pieces (Euler, Eytelwein). On a pulley whose
+with the angle theta between the directions of the two segments (Euler, Eytelwein). On a pulley whose
 axle has friction, and on which the rope does not slip, the balance of moments about the axle gives
 ``b = 2 asinh(k sin(theta / 2) / sqrt(1 - k^2))``, with k the friction coefficient of the axle times
 its radius over that of the pulley.
 
 Slips are not found by trial. In the logarithms of the tensions, y, friction has a potential: for
 given positions of the nodes the tensions minimize a strictly convex sum of functions ``H(y)`` of
-the pieces, ``H' = m - a(exp y)`` with the unstressed length a that a piece takes under its tension
+the segments, ``H' = m - a(exp y)`` with the unstressed length a that a segment takes under its tension
 and the length m that it has without slip, subject to ``|y_2 - y_1| <= b`` at every deviator. Slips
 are the multipliers of these bounds. Hence there is one solution, whatever the order in which the
 cable begins to slip at its deviators, and dynamic programming finds it in one pass along the cable:
-with the tension t that minimizes the sum over all pieces up to one, the tension of this piece is t
+with the tension t that minimizes the sum over all segments up to one, the tension of this segment is t
 if that is within the bound of the next tension, and at the bound if not.
 """
 
@@ -36,16 +36,16 @@ _MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
 _CLAMPED = 80.0  # bound from which the cable is held: its exponential is finite in float32, too
 
 
-class StraightPieces(NamedTuple):
-    """Straight pieces of one cable between its nodes, [n], and the cable, whose law they have.
+class StraightSegments(NamedTuple):
+    """Straight segments of one cable between its nodes, [n], and the cable, whose law they have.
 
     Attributes:
         cable: the element: `force` by strain, not negative, and `strain_at`, its inverse.
-        length: present lengths, [n], m; 0 for pieces that only fill up a shorter chain.
+        length: present lengths, [n], m; 0 for segments that only fill up a shorter chain.
         excess: present length minus unstressed length, if nothing slips in this increment, [n], m.
         bound: largest logarithm of the ratio of successive tensions, [n - 1]; infinite at a clamp,
-            zero beside pieces that only fill up.
-        jack: tension of the first piece, N, which then takes any unstressed length, and whether
+            zero beside segments that only fill up.
+        jack: tension of the first segment, N, which then takes any unstressed length, and whether
             there is a jack that prescribes it; None: there is none.
     """
 
@@ -56,12 +56,12 @@ class StraightPieces(NamedTuple):
     jack: tuple[Float[Array, ""], Bool[ArrayLike, ""]] | None
 
 
-class PieceTensions(NamedTuple):
-    """Tensions of the pieces of one cable, and where it slips.
+class SegmentTensions(NamedTuple):
+    """Tensions of the segments of one cable, and where it slips.
 
     Attributes:
         tension: [n], N.
-        sign: for every deviator 1 where the cable slips towards the next piece, so that the tension
+        sign: for every deviator 1 where the cable slips towards the next segment, so that the tension
             there is larger by the largest ratio; -1 where it slips back; 0 where it sticks.
     """
 
@@ -70,13 +70,13 @@ class PieceTensions(NamedTuple):
 
 
 def deviation_angles(
-    pieces: Float[Array, "n 3"], lengths: Float[Array, " n"]
+    segments: Float[Array, "n 3"], lengths: Float[Array, " n"]
 ) -> Float[Array, " n_deviator"]:
-    """Return the angles between successive pieces of a cable, [n - 1], rad; 0 beside fillers.
+    """Return the angles between successive segments of a cable, [n - 1], rad; 0 beside fillers.
 
     The angle has no derivative where it is zero; zero is returned for it.
     """
-    unit = pieces / jnp.where(lengths > 0, lengths, 1.0)[:, None]
+    unit = segments / jnp.where(lengths > 0, lengths, 1.0)[:, None]
     square = jnp.sum(jnp.cross(unit[:-1], unit[1:]) ** 2, axis=1)
     sine = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     cosine = jnp.sum(unit[:-1] * unit[1:], axis=1)
@@ -95,69 +95,69 @@ def axle_bound(
 
 
 @jax.jit  # traced once, although a program calls it for forces, tangents and results
-def piece_tensions(pieces: StraightPieces) -> PieceTensions:
-    """Return the tensions of the pieces of one cable, with their derivatives of any order.
+def segment_tensions(segments: StraightSegments) -> SegmentTensions:
+    """Return the tensions of the segments of one cable, with their derivatives of any order.
 
     A cable that is longer than its chain everywhere between two clamps has no tension there.
     """
-    tension, sign = _search(lax.stop_gradient(pieces))
+    tension, sign = _search(lax.stop_gradient(segments))
     solver = TangentSolver(_solve, _solve)
-    tension = implicit_root(_mismatches, tension, (pieces, sign), solver)
-    return PieceTensions(tension, sign)
+    tension = implicit_root(_mismatches, tension, (segments, sign), solver)
+    return SegmentTensions(tension, sign)
 
 
-def slips(pieces: StraightPieces, found: PieceTensions) -> Float[Array, " n_deviator"]:
+def slips(segments: StraightSegments, found: SegmentTensions) -> Float[Array, " n_deviator"]:
     """Return the length that slips over each deviator in this increment, [n - 1], m.
 
-    It is unstressed length, positive towards the next piece; zero where the cable sticks, and where
+    It is unstressed length, positive towards the next segment; zero where the cable sticks, and where
     it has no tension.
     """
     later = jnp.triu(_shares_block(found.sign), 1)
-    return (later @ _unused_excess(pieces, found.tension))[:-1]
+    return (later @ _unused_excess(segments, found.tension))[:-1]
 
 
-def elongations(pieces: StraightPieces, tension: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return by how much tensions stretch the pieces, at their present lengths, [n], m."""
-    strain = pieces.cable.strain_at(tension)
-    return pieces.length * (strain / (1 + strain))
+def elongations(segments: StraightSegments, tension: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Return by how much tensions stretch the segments, at their present lengths, [n], m."""
+    strain = segments.cable.strain_at(tension)
+    return segments.length * (strain / (1 + strain))
 
 
 def elongations_and_rates(
-    pieces: StraightPieces, tension: Float[Array, " n"]
+    segments: StraightSegments, tension: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return `elongations` of the pieces, m, and their derivatives by the tensions, m/N."""
+    """Return `elongations` of the segments, m, and their derivatives by the tensions, m/N."""
     one = jnp.ones_like(tension)
-    return jax.jvp(lambda t: elongations(pieces, t), (tension,), (one,))
+    return jax.jvp(lambda t: elongations(segments, t), (tension,), (one,))
 
 
-def _unused_excess(pieces, tension):
-    """Return by how much each piece lacks unstressed length for its tension, [n], m."""
-    return jnp.where(tension > 0, pieces.excess - elongations(pieces, tension), 0.0)
+def _unused_excess(segments, tension):
+    """Return by how much each segment lacks unstressed length for its tension, [n], m."""
+    return jnp.where(tension > 0, segments.excess - elongations(segments, tension), 0.0)
 
 
 def _shares_block(sign):
-    """Return which pieces are connected by slips, [n, n], as floats 0 or 1."""
+    """Return which segments are connected by slips, [n, n], as floats 0 or 1."""
     block = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.where(sign == 0, 1.0, 0.0))])
     return jnp.where(block[:, None] == block[None, :], 1.0, 0.0).astype(sign.dtype)
 
 
 def _mismatches(tension, parameters):
-    """Return the mismatches of the equations of the tensions, one for each piece, [n], N.
+    """Return the mismatches of the equations of the tensions, one for each segment, [n], N.
 
-    Where the cable slips behind a piece, the next tension differs by the largest ratio. Otherwise
-    the pieces up to this one that are connected by slips keep their unstressed length together, or
-    with a jack the first tension is that of the jack. A piece without tension has none.
-    `parameters` are `StraightPieces` and the signs of the slips.
+    Where the cable slips behind a segment, the next tension differs by the largest ratio. Otherwise
+    the segments up to this one that are connected by slips keep their unstressed length together, or
+    with a jack the first tension is that of the jack. A segment without tension has none.
+    `parameters` are `StraightSegments` and the signs of the slips.
     """
-    pieces, sign = parameters
+    segments, sign = parameters
     slack = lax.stop_gradient(tension) <= 0
     earlier = jnp.tril(_shares_block(sign))
-    rate = elongations_and_rates(pieces, lax.stop_gradient(tension))[1]
-    balance = earlier @ _unused_excess(pieces, tension) / (earlier @ lax.stop_gradient(rate))
-    if pieces.jack is not None:
-        force, jacked = pieces.jack
+    rate = elongations_and_rates(segments, lax.stop_gradient(tension))[1]
+    balance = earlier @ _unused_excess(segments, tension) / (earlier @ lax.stop_gradient(rate))
+    if segments.jack is not None:
+        force, jacked = segments.jack
         balance = jnp.where(jacked & (earlier[:, 0] > 0), tension[0] - force, balance)
-    bound = jnp.minimum(pieces.bound, _CLAMPED)
+    bound = jnp.minimum(segments.bound, _CLAMPED)
     ratio = tension[1:] - tension[:-1] * jnp.exp(sign * bound)
     held = jnp.where(sign == 0, balance[:-1], ratio)
     return jnp.where(slack, tension, jnp.concatenate([held, balance[-1:]]))
@@ -172,30 +172,30 @@ def _solve(_, product, rhs):
 # --- the search, by dynamic programming along the cable
 
 
-def _search(pieces):
-    """Return the tensions of all pieces, [n], N, and the signs of the slips, [n - 1]."""
-    zero = jnp.zeros_like(pieces.length)
+def _search(segments):
+    """Return the tensions of all segments, [n], N, and the signs of the slips, [n - 1]."""
+    zero = jnp.zeros_like(segments.length)
     n, dtype = len(zero), zero.dtype
-    unstressed = pieces.length - pieces.excess
-    strain = pieces.excess / jnp.where(unstressed > 0, unstressed, 1.0)
+    unstressed = segments.length - segments.excess
+    strain = segments.excess / jnp.where(unstressed > 0, unstressed, 1.0)
     strain = jnp.where(unstressed > 0, strain, 1.0)  # as an end of a bracket only
-    stuck = jnp.where(pieces.length > 0, jnp.maximum(pieces.cable.force(strain), 0.0), 0.0)
+    stuck = jnp.where(segments.length > 0, jnp.maximum(segments.cable.force(strain), 0.0), 0.0)
     # infinite at clamps, where comparisons with it are false even if a tension is zero
-    growth = jnp.where(pieces.bound < _CLAMPED, jnp.exp(pieces.bound), jnp.inf).astype(dtype)
+    growth = jnp.where(segments.bound < _CLAMPED, jnp.exp(segments.bound), jnp.inf).astype(dtype)
     reach = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
     first = stuck[0]
-    if pieces.jack is not None:
-        force, jacked = pieces.jack
+    if segments.jack is not None:
+        force, jacked = segments.jack
         first = jnp.where(jacked, force, first)
         reach = jnp.where(jacked, force, reach[0]), jnp.where(jacked, force, reach[1])
 
     def extend(i, carry):
-        """Find the tension that is best for the pieces 0 to i together."""
+        """Find the tension that is best for the segments 0 to i together."""
         best, (low, high) = carry
         before, ratio = best[i - 1], growth[i - 1]
         low, high = low / ratio, jnp.where(high > 0, high * ratio, high)
-        alone = jnp.where(pieces.length[i] > 0, stuck[i], before)
-        found = _best_tension(pieces, growth, best, i, alone, (low, high))
+        alone = jnp.where(segments.length[i] > 0, stuck[i], before)
+        found = _best_tension(segments, growth, best, i, alone, (low, high))
         sticks = ~(alone * ratio < before) & ~(alone > before * ratio)
         found = jnp.where(sticks, alone, found)
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
@@ -214,15 +214,15 @@ def _search(pieces):
     return jnp.concatenate([tension, best[-1:]]), sign
 
 
-def _best_tension(pieces, growth, best, i, alone, reach):
-    """Return the tension of piece i that is best for the pieces 0 to i together, N.
+def _best_tension(segments, growth, best, i, alone, reach):
+    """Return the tension of segment i that is best for the segments 0 to i together, N.
 
     Args:
-        pieces: `StraightPieces`.
+        segments: `StraightSegments`.
         growth: largest ratios of successive tensions, [n - 1].
-        best: best tensions for the pieces up to each one before i, [n].
-        i: number of the piece.
-        alone: tension of piece i without slip, N.
+        best: best tensions for the segments up to each one before i, [n].
+        i: number of the segment.
+        alone: tension of segment i without slip, N.
         reach: smallest and largest tension that friction allows beside a jack, N.
     """
     before, ratio = best[i - 1], growth[i - 1]
@@ -238,7 +238,7 @@ def _best_tension(pieces, growth, best, i, alone, reach):
 
     def step(s):
         tension, low, high, _, count = s
-        value, rate = _total_mismatch(pieces, growth, best, i, tension)
+        value, rate = _total_mismatch(segments, growth, best, i, tension)
         low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
         new = tension - value / rate
         new = jnp.where((new >= low) & (new <= high), new, 0.5 * (low + high))
@@ -249,20 +249,20 @@ def _best_tension(pieces, growth, best, i, alone, reach):
     found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
     # a cable that is too long even under a vanishing tension has none
     vanishing = jnp.full_like(start, jnp.finfo(start.dtype).tiny / eps)
-    too_long = _total_mismatch(pieces, growth, best, i, vanishing)[0] >= 0
+    too_long = _total_mismatch(segments, growth, best, i, vanishing)[0] >= 0
     return jnp.where(too_long, 0.0, found)
 
 
-def _total_mismatch(pieces, growth, best, i, tension):
-    """Return by how much the pieces that slip with piece i are too long at its tension, m.
+def _total_mismatch(segments, growth, best, i, tension):
+    """Return by how much the segments that slip with segment i are too long at its tension, m.
 
-    It is the sum over the pieces whose tension changes with that of piece i, which increases with
+    It is the sum over the segments whose tension changes with that of segment i, which increases with
     it; and its derivative, m/N.
     """
     n = len(best)
 
     def go_back(later, at):
-        """Return tension and share of a piece from those of the next one, and if it counts."""
+        """Return tension and share of a segment from those of the next one, and if it counts."""
         tension, share, counts = later
         k, before, ratio = at
         falls, grows = tension / ratio > before, tension * ratio < before
@@ -278,6 +278,6 @@ def _total_mismatch(pieces, growth, best, i, tension):
         jnp.append(values, value) for values, value in zip(earlier, last, strict=True)
     )
     counts = counts & (jnp.arange(n) <= i)
-    stretched, rate = elongations_and_rates(pieces, tensions)
-    mismatch = jnp.sum(jnp.where(counts, stretched - pieces.excess, 0.0))
+    stretched, rate = elongations_and_rates(segments, tensions)
+    mismatch = jnp.sum(jnp.where(counts, stretched - segments.excess, 0.0))
     return mismatch, jnp.sum(jnp.where(counts, shares * rate, 0.0))

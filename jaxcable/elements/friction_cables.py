@@ -1,7 +1,7 @@
 """Cables that slide over their nodes with friction, or are clamped there.
 
-Every straight piece has a tension of its own, which `friction` finds for given positions of the
-nodes and given unstressed lengths of the pieces. An increment remembers what has slipped over each
+Every straight segment has a tension of its own, which `friction` finds for given positions of the
+nodes and given unstressed lengths of the segments. An increment remembers what has slipped over each
 node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
 """
 
@@ -18,24 +18,24 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import STATEMENTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
 from .friction import (
-    StraightPieces,
+    StraightSegments,
     axle_bound,
     deviation_angles,
     elongations_and_rates,
-    piece_tensions,
+    segment_tensions,
     slips,
 )
 from .prestress import AxialState
-from .sliding import SlidingCables, moved_pieces_with_lengths, piece_length_changes
+from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
 from .statement import StatedValues, Statement
 
-PIECE_TENSION = Result("piece_tension", "N")
-"""Tension of every straight piece of a cable between successive nodes; 0 for fillers."""
+SEGMENT_TENSION = Result("segment_tension", "N")
+"""Tension of every straight segment of a cable between successive nodes; 0 for fillers."""
 SLIP = Result("slip", "m")
-"""Unstressed length that has slipped over every deviator so far, towards the next piece."""
+"""Unstressed length that has slipped over every deviator so far, towards the next segment."""
 FRICTION_USED = Result("friction_used", "-")
 """Logarithm of the ratio of tensions at every deviator over the largest that friction allows: 1
-where the cable slips towards the next piece, -1 where it slips back, beyond at a clamp."""
+where the cable slips towards the next segment, -1 where it slips back, beyond at a clamp."""
 
 
 def _open_or_closed(name, values):
@@ -50,7 +50,7 @@ class FrictionState(AxialState):
     Attributes:
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
         fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
-            it is in the first piece, and not in all pieces alike, [n_elem], m.
+            it is in the first segment, and not in all segments alike, [n_elem], m.
     """
 
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
@@ -63,7 +63,7 @@ class FrictionCables(SlidingCables):
 
     At every node between its ends, a *deviator* (saddle, pulley, duct), the tensions of a cable on
     both sides differ at most by a factor ``exp(b)``, and by this factor where it slips, against the
-    slip: ``b = friction theta + wobble l``, theta the angle between the pieces and l half of their
+    slip: ``b = friction theta + wobble l``, theta the angle between the segments and l half of their
     lengths together. Where it sticks, no unstressed length passes. Slips are found exactly, for all
     deviators together (`elements.friction`), and remembered at the end of every increment: loads
     can be reversed, and paths matter, so that several increments are more exact than one.
@@ -72,7 +72,7 @@ class FrictionCables(SlidingCables):
     (clamped) or 0, one number, or [n_elem, n_deviator]; this holds until stated otherwise. A jack
     pulls at the first end of the cable, and a shortening is taken out there, so that losses build
     up along the cable; a negative shortening after lock-off is the draw-in of an anchor. All other
-    changes of length are those of all pieces alike, with one tension where nothing has slipped.
+    changes of length are those of all segments alike, with one tension where nothing has slipped.
 
     Args:
         links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
@@ -103,7 +103,7 @@ class FrictionCables(SlidingCables):
 
     symmetric = False
     has_memory = is_chain = True
-    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, PIECE_TENSION, SLIP, FRICTION_USED)
+    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SEGMENT_TENSION, SLIP, FRICTION_USED)
     statements = (
         *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
         Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
@@ -146,7 +146,7 @@ class FrictionCables(SlidingCables):
     # --- state
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> FrictionState:
-        """Return the state before the first phase: all pieces have one tension, without slip."""
+        """Return the state before the first phase: all segments have one tension, without slip."""
         state = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         clamped = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
@@ -182,9 +182,9 @@ class FrictionCables(SlidingCables):
 
     def lock_off(self, state: FrictionState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
-        pieces, found = self._pieces_with_tensions(state, ends, motion)
-        stretched = elongations_and_rates(pieces, found.tension)[0]
-        fed = pieces.excess[0] - stretched[0] + jnp.sum(slips(pieces, found)[:1])
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        stretched = elongations_and_rates(segments, found.tension)[0]
+        fed = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
         fed = jnp.where(self._jack(state)[1], fed, 0.0)
         return copy_with(
             state,
@@ -203,9 +203,9 @@ class FrictionCables(SlidingCables):
 
     # --- one cable
 
-    def _pieces_with_tensions(self, state, ends, motion):
-        """Return the `StraightPieces` of one cable, and their `PieceTensions`."""
-        change, before, length = piece_length_changes(ends, motion)
+    def _segments_with_tensions(self, state, ends, motion):
+        """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
+        change, before, length = segment_length_changes(ends, motion)
         slip = jnp.pad(state.memory * _stretch(state), 1)
         excess = before / jnp.sum(before) * (state.elongation + state.fed)
         excess = excess + change + slip[1:] - slip[:-1]
@@ -214,13 +214,13 @@ class FrictionCables(SlidingCables):
         bound = self._friction_bound(ends, motion)
         bound = jnp.where(state.clamped > 0, jnp.inf, bound)
         bound = jnp.where(is_filler, 0.0, bound)
-        pieces = StraightPieces(self, length, excess, bound, self._jack(state))
-        return pieces, piece_tensions(pieces)
+        segments = StraightSegments(self, length, excess, bound, self._jack(state))
+        return segments, segment_tensions(segments)
 
     def _friction_bound(self, ends, motion):
         """Return the largest logarithms of ratios of successive tensions, without clamps."""
-        piece, length = moved_pieces_with_lengths(ends, motion)
-        angle = deviation_angles(piece, length)
+        segment, length = moved_segments_with_lengths(ends, motion)
+        angle = deviation_angles(segment, length)
         bound = jnp.zeros_like(angle)
         if self.friction is not None:
             bound = bound + self.friction * angle
@@ -230,26 +230,28 @@ class FrictionCables(SlidingCables):
             bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
         return bound
 
-    def piece_tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return the tension of every piece of one cable, [n_end - 1], N; 0 for fillers."""
-        pieces, found = self._pieces_with_tensions(state, ends, motion)
-        return jnp.where(pieces.length > 0, found.tension, 0.0)
+    def segment_tension(
+        self, state: FrictionState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n"]:
+        """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        return jnp.where(segments.length > 0, found.tension, 0.0)
 
     def tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
         """Return the mean tension of one cable over its present length, N."""
-        pieces, found = self._pieces_with_tensions(state, ends, motion)
-        return pieces.length @ found.tension / jnp.sum(pieces.length)
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        return segments.length @ found.tension / jnp.sum(segments.length)
 
     def peak_tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the largest tension of the pieces of one cable, N."""
-        return jnp.max(self.piece_tension(state, ends, motion))
+        """Return the largest tension of the segments of one cable, N."""
+        return jnp.max(self.segment_tension(state, ends, motion))
 
     def slip(self, state: FrictionState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
-        """Return what has slipped over each deviator so far, towards the next piece, m.
+        """Return what has slipped over each deviator so far, towards the next segment, m.
 
         It is unstressed length at the reference temperature.
         """
-        return state.memory + slips(*self._pieces_with_tensions(state, ends, motion)) / _stretch(
+        return state.memory + slips(*self._segments_with_tensions(state, ends, motion)) / _stretch(
             state
         )
 
@@ -258,17 +260,17 @@ class FrictionCables(SlidingCables):
     ) -> Float[Array, " n_deviator"]:
         """Return the logarithm of the ratio of tensions at each deviator over the largest one.
 
-        It is 1 or -1 where the cable slips, towards the next piece or back. At a clamp it says how
+        It is 1 or -1 where the cable slips, towards the next segment or back. At a clamp it says how
         much friction would be needed. Zero without tension, and where there is no friction.
         """
-        tension = self._pieces_with_tensions(state, ends, motion)[1].tension
+        tension = self._segments_with_tensions(state, ends, motion)[1].tension
         bound = self._friction_bound(ends, motion)
         counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
         ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
         return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
 
     def is_slack(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether no piece of one cable has a tension."""
+        """Return whether no segment of one cable has a tension."""
         return self.peak_tension(state, ends, motion) <= 0
 
     def at_kink(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -281,34 +283,34 @@ class FrictionCables(SlidingCables):
 
     def end_forces(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
-        piece, length = moved_pieces_with_lengths(ends, motion)
-        density = self.piece_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
-        force = _forces_of_pieces(density[:, None] * piece)
+        segment, length = moved_segments_with_lengths(ends, motion)
+        density = self.segment_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
+        force = _forces_of_segments(density[:, None] * segment)
         if state.line_load is None:
             return force
         return force - self.sliding_load_forces(state, ends, motion)
 
     def energy(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
         """Return the stored energy of one cable, J; friction has no potential."""
-        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
-        return jnp.sum(pieces.length / (1 + strain) * self.energy_per_length(strain))
+        return jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
 
     def rounding_error(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
-        piece, length = moved_pieces_with_lengths(ends, motion)
-        pieces, found = self._pieces_with_tensions(state, ends, motion)
+        segment, length = moved_segments_with_lengths(ends, motion)
+        segments, found = self._segments_with_tensions(state, ends, motion)
         real = length > 0
-        rate = elongations_and_rates(pieces, found.tension)[1]
+        rate = elongations_and_rates(segments, found.tension)[1]
         moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
         force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
-        return jnp.abs(_forces_of_pieces(force[:, None] * jnp.abs(piece), 1.0))
+        return jnp.abs(_forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
 
 
-def _forces_of_pieces(pull, sign=-1.0):
+def _forces_of_segments(pull, sign=-1.0):
     """Return the forces at the nodes of one cable from the vectors of its tensions, [n_end, 3], N.
 
-    A vector is added at the end of its piece, and at the start multiplied by `sign`.
+    A vector is added at the end of its segment, and at the start multiplied by `sign`.
     """
     return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
 

@@ -225,5 +225,5 @@ def positions_along(
 
 
 def _row_norms(vectors):
-    """Return the lengths of vectors [..., 3], as an array [..., 1]."""
+    """Return the Euclidean norms of vectors [..., 3], as an array [..., 1]."""
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))

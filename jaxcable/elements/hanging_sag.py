@@ -50,7 +50,10 @@ def midspan_sag(
 
 
 def _catenary_parameters(mid_length_tension, theta, load, stiffness):
-    """Return a, e and m of the formulas above."""
+    """Return ``a = H/q``, m, ``e = H/EA`` and m, the formulas' parameters, of a hanging cable.
+
+    Arguments are those of `midspan_sag`.
+    """
     weight, unit = magnitude_and_direction(load)
     along = scalar_product(mid_length_tension, unit)
     across = mid_length_tension - along * unit
@@ -59,7 +62,10 @@ def _catenary_parameters(mid_length_tension, theta, load, stiffness):
 
 
 def _midspan_shift(soft, mean, theta):
-    """Return g of the formulas above, `soft` is e."""
+    """Return g of the formulas, the place of midspan as a shift from m.
+
+    `soft` is e, `mean` is m; `theta` is the parameter of the shape.
+    """
     product = jnp.cosh(theta) * jnp.cosh(mean)
     product = product + jnp.sqrt(1 + (jnp.sinh(mean) * jnp.cosh(theta)) ** 2)
     middle = jnp.arcsinh(jnp.sinh(mean) * jnp.sinh(theta) ** 2 / product)
@@ -75,7 +81,10 @@ def _midspan_shift(soft, mean, theta):
 
 
 def _sag_over_parameter(soft, mean, theta, shift):
-    """Return the sag over a, from e, m, theta and g of the formulas above."""
+    """Return the midspan sag over ``a = H/q``, without unit.
+
+    The arguments are e, m, theta and g of the formulas above.
+    """
     shape = jnp.cosh(mean) * cosh_minus_1(theta)
     shape = shape - 2 * jnp.sinh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
     stretch = jnp.cosh(2 * mean) * cosh_minus_1(2 * theta)
@@ -106,7 +115,7 @@ def chord_strain_at_sag(
     span = jnp.sqrt(scalar_product(across, across))
     length = jnp.sqrt(scalar_product(chord, chord))
     given = span, along, length, weight / stiffness, sag
-    solver = TangentSolver(_solve, _solve)
+    solver = TangentSolver(_solve_four_equations, _solve_four_equations)
     return implicit_root(_mismatches_and_strain, shape, given, solver, strain)[1]
 
 
@@ -166,8 +175,11 @@ def _mismatches_and_strain(shape, given):
     return missed, length / (2 * size * jnp.cosh(mean) * jnp.sinh(theta)) - 1
 
 
-def _solve(_, product, rhs):
-    """Solve with a linear function of four numbers, or with its transpose."""
+def _solve_four_equations(_, product, rhs):
+    """Return x [4] with ``product(x) = rhs`` for a linear function `product` of four numbers.
+
+    The first argument, parameters, is not needed (see `TangentSolver`).
+    """
     matrix = jax.vmap(product, out_axes=1)(jnp.eye(4, dtype=rhs.dtype))
     return linear.solve_general(matrix, rhs)[0]
 

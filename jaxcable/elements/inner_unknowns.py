@@ -2,7 +2,7 @@
 
 An element whose section is not linear has inner unknowns for the strains along its axis
 (`bending`), and for the mean shear angles if it is flexible in shear (`shear`); one whose ends
-rotate against their nodes has inner unknowns for its joints. They are stored in rows of motion
+rotate against their nodes has inner unknowns for these rotations. They are stored in rows of motion
 after those of the ends (`Structure.motion_rows`), at indices (row, column).
 """
 
@@ -38,12 +38,12 @@ class InnerUnknowns(Bending):
 
         Where the section is not linear they are the coefficients ``a_1 L, a_2 L`` of the axial
         strain and ``b L^2 / 32``, the deflection of the middle beyond the cubic (see `bending`);
-        then the mean shear angles times the length (see `shear`). Joints have the rotation of each
-        end, times a length.
+        then the mean shear angles times the length (see `shear`). Semi-rigid connections have the
+        rotation of each end against its node, times a length.
         """
         rows = self._n_strain_rows
         joints = () if self.springs is None else np.ndindex(2, 3)
-        angles = (place for place, _ in self._shear_places)
+        angles = (place for place, _ in self._shear_angle_indices)
         return (*self.strain_field_indices, *angles, *((rows + end, axis) for end, axis in joints))
 
     @property
@@ -52,8 +52,8 @@ class InnerUnknowns(Bending):
         return _STRAIN_FIELD_INDICES[self._n_strain_rows]
 
     @property
-    def _shear_places(self) -> tuple[tuple[tuple[int, int], int], ...]:
-        """Indices (row, column) of the mean shear angles, each with 0 or 1: about y or z.
+    def _shear_angle_indices(self) -> tuple[tuple[tuple[int, int], int], ...]:
+        """Indices of the mean shear angles: pairs of (row, column) and 0 or 1 (about y or z).
 
         Empty if the section is linear, where they follow from the rotations of the ends, and if it
         is rigid in shear. They are in columns that strains along the axis leave free.
@@ -69,7 +69,10 @@ class InnerUnknowns(Bending):
 
     @property
     def _n_strain_rows(self) -> int:
-        """Number of rows for strains along the axis: 0 if linear, 1 with three points, else 2."""
+        """Number of rows of motion for inner unknowns of strains along the axis.
+
+        It is 0 if the section is linear, 1 with three integration points, else 2.
+        """
         if shared_or_stacked(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
@@ -78,7 +81,7 @@ class InnerUnknowns(Bending):
         """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
-        for (row, column), _ in self._shear_places:
+        for (row, column), _ in self._shear_angle_indices:
             idle[:, row, column] = False
         for row, column in self.strain_field_indices:
             idle[:, row, column] = False
@@ -90,7 +93,11 @@ class InnerUnknowns(Bending):
         return idle
 
     def _strain_unknowns(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
-        """Return the unknowns `inner` of `bending.strain_field` of a section that is not linear."""
+        """Return the argument `inner` of `bending.strain_field` of a section that is not linear.
+
+        `motion` has the inner unknowns in rows after those of both ends, in m; `length` is the
+        unstressed length, m.
+        """
         inner = jnp.zeros((2, 2), length.dtype)
         if self._n_strain_rows == 1:
             return inner.at[0, 0].set(motion[2, 0] / length)
@@ -105,19 +112,27 @@ class InnerUnknowns(Bending):
         load: Float[Array, " 3"] | None,
         stiffness: Float[Array, "3 3"] | None,
     ) -> shear.ShearAngles | None:
-        """Return the shear angles, or None if rigid; arguments as of `bending.strain_field`."""
+        """Return the shear angles about y and z; None if the section is rigid in shear.
+
+        `motion` is that of the ends, with rows of inner unknowns; other arguments are as of
+        `bending.strain_field`.
+        """
         resists = shear.shear_stiffness(self.section, length.dtype)
         if resists is None:
             return None
         if stiffness is not None:
             return shear.shear_angles_of_linear_section(resists, stiffness, rotations, length, load)
         mean = jnp.zeros(2, length.dtype)
-        for (row, column), about in self._shear_places:
+        for (row, column), about in self._shear_angle_indices:
             mean = mean.at[about].set(motion[2 + row, column] / length)
         return shear.shear_angles(resists, length, load, mean)
 
-    def _joint_rotations(self, state: AxialState, motion: Motion) -> Float[Array, "2 3"]:
-        """Return rotations of the ends against their nodes, as ``tan(angle / 4) axis``, [2, 3]."""
+    def _hinge_rotations(self, state: AxialState, motion: Motion) -> Float[Array, "2 3"]:
+        """Return the rotations of both ends against their nodes in semi-rigid connections, [2, 3].
+
+        They are ``tan(angle / 4) axis``, along the initial axes of the element, which the nodes
+        carry along.
+        """
         return motion[-2:, :3] / (4 * state.rest_length)
 
     @property
@@ -126,7 +141,11 @@ class InnerUnknowns(Bending):
         return tuple(np.array(self.inner_unknowns).T)
 
     def _expand_reduced_forces(self, force: Float[Array, " 9+k"]) -> Forces:
-        """Return end forces, [n_end, 6], from force on the second end, moments, inner: [9 + k]."""
+        """Return end forces, [n_end, 6], N and N m, with rows of inner unknowns after both ends.
+
+        `force` has the force on the second end, 3, the moments on both ends, 6, and the k forces
+        conjugate to inner unknowns.
+        """
         pull, first, second, inner = jnp.split(force, [3, 6, 9])
         at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
         if not self.inner_unknowns:
@@ -137,5 +156,8 @@ class InnerUnknowns(Bending):
     def _join_end_forces(
         self, pull: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
     ) -> Forces:
-        """Return end forces, [n_end, 6], from force on the second end, moments, inner forces."""
+        """Join the force on the second end, N, the moments on both ends, N m, and inner forces.
+
+        Return end forces, [n_end, 6], as `_expand_reduced_forces` does.
+        """
         return self._expand_reduced_forces(jnp.concatenate([pull, moments.ravel(), inner]))

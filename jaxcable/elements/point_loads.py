@@ -48,7 +48,7 @@ class PointTerms:
     Attributes:
         places: of the loads, from 0 to 1, [k].
         forces: along the rotated axes, [k, 3], N.
-        moments: likewise, [k, 3], N m; None without.
+        moments: along the rotated axes, too, [k, 3], N m; None without.
         length: unstressed length, m.
         sag: curvatures of the second Legendre polynomial (`bending.StrainField.sag`), [2], 1/m.
         axial: stiffness EA, N; None if the section is not linear, like the following ones.
@@ -68,20 +68,23 @@ class PointTerms:
     sheared: bool = False
 
     @property
-    def bends_alone(self) -> bool:
+    def has_clamped_field(self) -> bool:
         """Whether the second field is there: in linear sections that are rigid in shear."""
         return self.axial is not None and not self.sheared
 
     def field_of_ends(
         self, rotations: Float[Array, "2 2"], sag: Float[Array, " 2"], axial: Float[Array, " 2"]
     ) -> tuple[Float[Array, " k"], Float[Array, "k 2"], Float[Array, "k 2"]]:
-        """Return the first field at the loads: along the axis, m, deflection, m, rotation less its
-        linear part.
+        """Return displacements and rotations of the first field, which follows the ends, at loads.
 
         Args:
             rotations: of both ends about y and z, [2, 2], rad.
             sag: as of `PointTerms`.
             axial: coefficients of both Legendre polynomials in the axial strain, [2].
+
+        Returns:
+            Displacements along the axis, [k], m; deflections conjugate to moments about y and z,
+            [k, 2], m; rotations about y and z less their linear part between the ends, [k, 2], rad.
         """
         c, length = self.places, self.length
         along = length * (axial[0] * (c - 1) * c + axial[1] * c * (1 - c) * (1 - 2 * c))
@@ -135,7 +138,7 @@ class PointTerms:
         total = jnp.sum(self.forces[:, 0] * along) + jnp.sum(bending_loads(self.forces) * way)
         if self.moments is not None:
             total = total + jnp.sum(self.moments[:, 1:] * turn)
-        if self.bends_alone:
+        if self.has_clamped_field:
             stretch, way = self.clamped_field(self.places, 0)
             turn = self.clamped_field(self.places, 1)[1] / self.length
             own = jnp.sum(self.forces[:, 0] * stretch) + jnp.sum(bending_loads(self.forces) * way)
@@ -147,7 +150,7 @@ class PointTerms:
 
         The arguments are those of `field_of_ends`; that of the first field alone is not in it.
         """
-        if not self.bends_alone:
+        if not self.has_clamped_field:
             return jnp.zeros_like(self.length)
         c, length = self.places, self.length
         square = (c * (1 - c)) ** 2
@@ -162,7 +165,7 @@ class PointTerms:
         for part, rise, about in zip(parts, slopes, fields, strict=True):
             total = total - jnp.sum(square * part * (pushed @ about))
             total = total - jnp.sum((slope * part + square * rise) * (turned @ about))
-        return total + 0.5 * jnp.sum(_products_of_slopes(c) * (pushed @ pushed.T))
+        return total + 0.5 * jnp.sum(_slope_product_integrals(c) * (pushed @ pushed.T))
 
 
 class PointForces(NamedTuple):
@@ -186,7 +189,10 @@ class PointForces(NamedTuple):
 def point_forces(
     terms: PointTerms, rotations: Float[Array, "2 2"], axial: Float[Array, " 2"], tension: Scalar
 ) -> PointForces:
-    """Return what loads add to the forces of an element, the derivatives of their potential.
+    """Return what concentrated loads add to the forces of an element, `PointForces`.
+
+    They are derivatives of the potential of the loads.
+
 
     `rotations` and `axial` are those of `PointTerms.field_of_ends`, `tension` is the axial force,
     its mean along the element, N.
@@ -268,10 +274,11 @@ def _clamped_deflection_by_couple(s, c, past, passed, order):
     }[order]
 
 
-def _products_of_slopes(c):
-    """Return integrals of the products of the slopes by forces at all pairs of places, [k, k].
+def _slope_product_integrals(c):
+    """Return the integral of the product of two slopes for each pair of places c, [k, k].
 
-    It is the deflection at the second place of a clamped beam under the curvature that the force at
+    The slopes are those of a clamped beam of length and stiffness 1 under a unit force at either
+    place. The integral is the deflection at the second place under the curvature that the force at
     the first one makes, as a load upwards.
     """
     first, second = c[:, None], c[None, :]

@@ -42,7 +42,7 @@ def elongation_and_moved_ends(
         _successive_differences(motion[:, :3]) + _successive_differences(motion[:, 3:]),
     )
     vector = chord + moved
-    both = _lengths_of_pieces(chord) + _lengths_of_pieces(vector)
+    both = _segment_lengths(chord) + _segment_lengths(vector)
     square = jnp.sum((2 * chord + moved) * moved, axis=1, keepdims=True)
     # The barriers keep these numbers the same in all of their uses: recomputed beside other things,
     # they may be rounded in another way, and the remainder is that of one of them.
@@ -55,9 +55,10 @@ def elongation_and_moved_ends(
 
 
 def _elongation_remainder(elongation, ends, motion, change, longer):
-    """Return the elongation in nearly twice the working precision minus `longer`, m.
+    """Return the elongation in nearly twice the working precision minus `longer`, m, a scalar.
 
-    `longer` is this elongation in working precision, `change` its part of each piece, [n, 1], m.
+    `longer` is this elongation in working precision, `change` the change of length of each segment
+    between successive ends, [n, 1], m; other arguments are as of `elongation_and_moved_ends`.
     """
     chord, (step, lost) = (compensated.two_sum(at[1:], -at[:-1]) for at in (ends, motion[:, :3]))
     moved = compensated.two_sum(step, lost + _successive_differences(motion[:, 3:]))
@@ -69,11 +70,11 @@ def _elongation_remainder(elongation, ends, motion, change, longer):
 
 
 def _successive_differences(places):
-    """Return the differences of successive rows, [n - 1, 3]."""
+    """Return each position [3] minus the one before: from `places`, [n, 3], to [n - 1, 3]."""
     return places[1:] - places[:-1]
 
 
-def _lengths_of_pieces(pieces):
-    """Return the lengths [n, 1] of pieces [n, 3]; a zero length has a finite derivative."""
+def _segment_lengths(pieces):
+    """Return the lengths [n, 1], m, of vectors [n, 3]; a zero length has derivative zero."""
     square = jnp.sum(pieces**2, axis=1, keepdims=True)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -67,7 +67,7 @@ class ShearAngles:
         return rotations.at[:, 1:].add(-jnp.stack([first, second]))
 
     def energy(self, length: Scalar) -> Scalar:
-        """Return the energy of shear of an element of a length, m, in J."""
+        """Return the shear energy, J, of an element of the unstressed `length`, m."""
         squares = self.mean**2
         if self.slope is not None:
             squares = squares + self.slope**2 / 3
@@ -84,7 +84,11 @@ class ShearAngles:
         return 0.0 if self.by_rotation is None else -(bend[0] + bend[1]) @ self.by_rotation
 
     def work_by_load(self, bend: Float[Array, "3 2"], length: Scalar) -> Float[Array, " 3"]:
-        """Return the same work by the load along the rotated axes, on which angles depend, [3]."""
+        """Return the derivative of the work of `moments_of_ends` by the load, [3], m2.
+
+        The shear angles depend on the load per unstressed length along the rotated axes; `bend` is
+        as for `moments_of_ends`, `length` the unstressed length, m.
+        """
         along = jnp.zeros_like(length)
         if self.by_axial_load is not None:
             along = -(bend[0] + bend[1]) @ self.by_axial_load

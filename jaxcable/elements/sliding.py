@@ -102,13 +102,13 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
         """Return the initial length of every cable over all of its nodes, [n_elem], m."""
-        return jnp.sum(_pieces_with_lengths(ends)[1], axis=-1)
+        return jnp.sum(_segments_with_lengths(ends)[1], axis=-1)
 
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
         """Split each `amount` among the nodes of a cable, by half the lengths of its pieces."""
-        length = _pieces_with_lengths(ends)[1]
+        length = _segments_with_lengths(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
 
@@ -118,7 +118,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
-        piece, length = moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_segments_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
@@ -138,7 +138,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         The shares are those of the nodes in the initial position. A constant is left out; because
         the shares add up to one, positions can be relative to the first node.
         """
-        piece, length = moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_segments_with_lengths(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.split_among_ends(jnp.ones((1,), length.dtype), ends[None])[0]
@@ -169,7 +169,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
-        piece, length = moved_pieces_with_lengths(ends, motion)
+        piece, length = moved_segments_with_lengths(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
@@ -180,7 +180,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
             jnp.sum(of[1])
-            for of in (_pieces_with_lengths(ends), moved_pieces_with_lengths(ends, motion))
+            for of in (_segments_with_lengths(ends), moved_segments_with_lengths(ends, motion))
         )
         return self._state_activated_at_length(
             state, length, _total_length_change(ends, motion), start
@@ -190,18 +190,21 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state after lock-off: its new unstressed length gives the jack force here."""
         return self.locked_off_state(
             state,
-            jnp.sum(moved_pieces_with_lengths(ends, motion)[1]),
+            jnp.sum(moved_segments_with_lengths(ends, motion)[1]),
             _total_length_change(ends, motion),
         )
 
 
-def _pieces_with_lengths(places):
-    """Return the pieces between successive positions [..., n, 3]: vectors and lengths."""
+def _segments_with_lengths(places):
+    """Return the vectors from each of `places` [..., n, 3], m, to the next one, and their lengths.
+
+    The shapes are [..., n - 1, 3] and [..., n - 1].
+    """
     return _vectors_with_lengths(_successive_differences(places))
 
 
-def moved_pieces_with_lengths(ends, motion):
-    """Return the pieces between successive nodes after a motion: vectors and lengths, m.
+def moved_segments_with_lengths(ends, motion):
+    """Return the vectors between successive nodes after a motion, [n - 1, 3], and their lengths, m.
 
     Positions and displacements are subtracted separately, so that positions far from the origin
     cost no digits.
@@ -210,12 +213,12 @@ def moved_pieces_with_lengths(ends, motion):
 
 
 def _successive_differences(places):
-    """Return the differences of successive positions [..., n, 3]."""
+    """Return each of the positions [..., n, 3] minus the one before, [..., n - 1, 3]."""
     return places[..., 1:, :] - places[..., :-1, :]
 
 
 def _vectors_with_lengths(piece):
-    """Return vectors [..., 3], m, and their lengths [...], m."""
+    """Return vectors [..., 3], m, and their lengths [...], m; a zero length has derivative zero."""
     square = jnp.sum(piece**2, axis=-1)
     # padding with the last node makes pieces of length zero, whose derivative must be finite
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -224,19 +227,19 @@ def _vectors_with_lengths(piece):
 
 def _total_length_change(ends, motion):
     """Return the change of the length over all nodes, m, without subtracting lengths."""
-    return jnp.sum(piece_length_changes(ends, motion)[0])
+    return jnp.sum(segment_length_changes(ends, motion)[0])
 
 
-def piece_length_changes(
+def segment_length_changes(
     ends: Ends, motion: Motion
 ) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
     """Return the changes of the lengths of all pieces of a cable, [n], m, and both lengths.
 
     The changes are computed without subtracting lengths, so that they keep their digits.
     """
-    start, before = _pieces_with_lengths(ends)
+    start, before = _segments_with_lengths(ends)
     w = _successive_differences(motion)
-    after = moved_pieces_with_lengths(ends, motion)[1]
+    after = moved_segments_with_lengths(ends, motion)[1]
     both = before + after
     change = jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0)
     return change, before, after

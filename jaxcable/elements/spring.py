@@ -22,7 +22,7 @@ from ..numerics.rotations import (
     compose,
     invert,
     move_node_by_series,
-    rotation_vector,
+    stereographic_to_rotation_vector,
     to_stereographic,
 )
 from .abilities import Rounding
@@ -66,10 +66,13 @@ class OnGround(Rounding):
     def unstressed_state(
         self, ends: Float[Array, "n_elem 1 3"], slack: Bool[Array, " n_elem"]
     ) -> ElementState:
-        """Return the state before the first phase: the tangent of linear springs is always same."""
+        """Return the state before the first phase, in which springs without preload have no force.
+
+        No spring is slack, so that `slack` has no effect.
+        """
         return self.start(ends)
 
-    def _displacement(self, state, motion):
+    def _displacement_from_origin(self, state, motion):
         """Return the displacement of the node from where its spring is unstressed, [3], m."""
         return motion[0, :3] - state.origin
 
@@ -135,7 +138,7 @@ class Springs(OnGround):
         if self.axes is not None:
             shapes = (3, 3), (len(links), 3, 3)
             axes = checks.floats_of_shape(self.axes, "axes", *shapes)
-            set_fields(self, axes=_for_every_element(axes, (len(links), 3, 3)))
+            set_fields(self, axes=_broadcast_per_element(axes, (len(links), 3, 3)))
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
@@ -171,18 +174,18 @@ class Springs(OnGround):
 
     def energy(self, state: SpringState, ends: Ends, motion: Motion) -> Scalar:
         """Return the stored energy of one spring, J; of a preload less its work."""
-        moved = self._along_axes(self._displacement(state, motion))
+        moved = self._to_local_axes(self._displacement_from_origin(state, motion))
         energy = 0.5 * jnp.sum(self.stiffness * moved**2)
         if self.preload is not None:
             energy = energy - jnp.sum(self.preload * moved)
         if not self.rotates:
             return energy
         turned = compose(motion[0, 3:], invert(state.origin_rotation))
-        angles = self._along_axes(rotation_vector(to_stereographic(turned)))
+        angles = self._to_local_axes(stereographic_to_rotation_vector(to_stereographic(turned)))
         return energy + 0.5 * jnp.sum(self.rotational_stiffness * angles**2)
 
     def rounding_error(self, state: SpringState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces from the rounding of a motion, [1, 3] or [1, 6]."""
+        """Return an estimate of the rounding error of the end forces, [1, 3] or [1, 6], N, N m."""
         rounding = 8 * jnp.finfo(motion.dtype).eps
         force = jnp.full(3, jnp.max(self.stiffness) * jnp.max(jnp.abs(motion[0, :3])))
         if self.rotates:  # quaternions have entries up to 1
@@ -193,7 +196,7 @@ class Springs(OnGround):
         """Return the internal force at the node of one spring, [1, 3] or [1, 6], N and N m."""
         if self.rotates:
             return self.end_forces_after_step(state, ends, motion, jnp.zeros_like(motion[:, :6]))
-        moved = self._along_axes(self._displacement(state, motion))
+        moved = self._to_local_axes(self._displacement_from_origin(state, motion))
         force = self.stiffness * moved
         if self.preload is not None:
             force = force - self.preload
@@ -213,8 +216,8 @@ class Springs(OnGround):
         """Return the moment of the ground on the node of one spring about x, y, z, [3], N m."""
         return -self.end_forces(state, ends, motion)[0, 3:]
 
-    def _along_axes(self, vector):
-        """Return the components of a vector [3] along the axes of one spring."""
+    def _to_local_axes(self, vector):
+        """Return the components of a vector [3] along the axes of one spring, [3]."""
         return vector if self.axes is None else self.axes @ vector
 
 
@@ -306,8 +309,11 @@ class Bearings(OnGround):
         return copy_with(state, gap=jnp.where(slack, jnp.ones_like(state.gap), 0.0))
 
     def opening(self, state: SpringState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the distance of the node of one bearing from the ground, m; negative: pressed."""
-        return self._unit_normal() @ self._displacement(state, motion) + state.gap
+        """Return the distance of the node of one bearing above the ground, m.
+
+        Where the ground is compressed it is negative.
+        """
+        return self._unit_normal() @ self._displacement_from_origin(state, motion) + state.gap
 
     def tension(self, state: SpringState, ends: Ends, motion: Motion) -> Scalar:
         """Return the axial force of one bearing, N: minus its pressure, zero where it is open."""
@@ -315,7 +321,7 @@ class Bearings(OnGround):
         return jnp.where(opening > 0, 0.0, self.stiffness * opening)
 
     def rounding_error(self, state: SpringState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces from the rounding of displacements, [1, 3], N."""
+        """Return an estimate of the absolute error of the end forces, [1, 3], N, from rounding."""
         moved = jnp.max(jnp.abs(motion[0, :3])) + jnp.abs(state.gap)
         size = 8 * jnp.finfo(motion.dtype).eps * self.stiffness * moved
         force = jnp.where(self.is_slack(state, ends, motion), 0.0, size)
@@ -369,10 +375,10 @@ def vectors_per_element(
         return None
     shapes = *([()] if scalar else []), (3,), (n_elem, 3)
     array = checks.floats_of_shape(value, name, *shapes)
-    return _for_every_element(array, (n_elem, 3))
+    return _broadcast_per_element(array, (n_elem, 3))
 
 
-def _for_every_element(array, shape):
+def _broadcast_per_element(array, shape):
     """Broadcast an array to a shape with a value for every element: NumPy stays NumPy."""
     if isinstance(array, jax.Array):
         return jnp.broadcast_to(array, shape)

@@ -65,7 +65,11 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
 
 
 def _can_test_statement(name, group):
-    """Return whether a statement, by name, can be tested: the group has what it depends on."""
+    """Return whether a statement, by name, can be tested with `apply_statements` of the group.
+
+    A sag needs a weight, a temperature a coefficient of expansion; those that hold in equilibrium
+    only are never applied at once.
+    """
     needs = {
         "sag": isinstance(group, Sagging) and group.weight is not None,
         "temperature": group.expansion is not None,
@@ -74,7 +78,10 @@ def _can_test_statement(name, group):
 
 
 def _describe_state_difference(before, after):
-    """Return in words how fields or shapes of a state differ from those before; empty if not."""
+    """Return in words how class, fields or shapes of the state `after` differ from `before`.
+
+    The text is empty if they do not; values are not compared.
+    """
     if type(after) is not type(before):
         return describe_type(after)
     if jax.tree.structure(after) != jax.tree.structure(before):

@@ -118,25 +118,25 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Return the axial force, N, at a strain, given history variables or None."""
-        stiffness, law, area = self._axial_section()
+        stiffness, law, area = self._stiffness_law_and_area()
         return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
         """Return the stored energy per unstressed length, J/m, at a strain."""
-        stiffness, law, area = self._axial_section()
+        stiffness, law, area = self._stiffness_law_and_area()
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
     def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Return the strain at an axial force, N, on the rising branch; NaN above its peak."""
-        stiffness, law, area = self._axial_section()
+        stiffness, law, area = self._stiffness_law_and_area()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
 
-    def _axial_section(self):
-        """Return axial stiffness, law and area, with the spring of `compliance` in series.
+    def _stiffness_law_and_area(self):
+        """Return axial stiffness, N, law, and area, m2, with the spring of `compliance` in series.
 
-        Either the stiffness is None, or law and area are.
+        The stiffness is None where there is a law, else law and area are None.
         """
         area, law = self.area, self.law
         if self.section is not None:
@@ -154,7 +154,10 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     @property
     def _laws(self):
-        """Laws of the section or the group; only static fields hold if elements have a law each."""
+        """Laws of the section, or the law of the group, a tuple; empty with a stiffness only.
+
+        If elements have a law each, only its static fields can be used.
+        """
         if self.section is not None:
             return shared_or_stacked(self.section).laws
         return () if self.law is None else (shared_or_stacked(self.law),)
@@ -309,14 +312,14 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of absolute forces of the law's parts, N: the scale of rounding."""
-        _, law, area = self._axial_section()
+        _, law, area = self._stiffness_law_and_area()
         return area * law.stress_scale_at(self.section_strain(state, ends, motion), state.memory)
 
     def commit_memory(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
         """Return the history variables after an increment of a `duration`, s, ended at a strain."""
-        return self._axial_section()[1].commit_memory(strain, memory, duration)
+        return self._stiffness_law_and_area()[1].commit_memory(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
@@ -325,7 +328,7 @@ class Straight(Axial, Prestressed, Uniaxial):
 
         `memory` are the history variables, None for a law that has none.
         """
-        law = self._axial_section()[1]
+        law = self._stiffness_law_and_area()[1]
         if self.section is None:
             return law.stress_at(strain, memory)
         several = isinstance(law, Parallel)
@@ -337,7 +340,7 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
         """Return whether a strain is beyond the rupture strain of the law."""
-        return self._axial_section()[1].is_ruptured(strain)
+        return self._stiffness_law_and_area()[1].is_ruptured(strain)
 
     # --- prestress
 
@@ -356,5 +359,5 @@ class Straight(Axial, Prestressed, Uniaxial):
 
 
 def _decreases_anywhere(stress):
-    """Return whether stresses along a curve, on the last axis, decrease anywhere."""
+    """Return whether stresses along a curve, [..., n], fall between any two successive points."""
     return (stress[..., 1:] < stress[..., :-1]).any()

@@ -37,7 +37,7 @@ def declaration_faults(group: Element, n_row: int) -> Iterator[str]:
     if "_all_fields" not in vars(kind):
         yield 'class: expected a `@pytree(indices=("links",))` class, got one without the decorator'
         return
-    yield from _undeclared_arrays(group, kind.__name__)
+    yield from _undeclared_array_faults(group, kind.__name__)
     if "links" not in kind._index_fields:  # type: ignore[attr-defined]
         yield 'links: expected an index field, @pytree(indices=("links",)), got another field'
     for result in group.results:
@@ -62,8 +62,11 @@ def declaration_faults(group: Element, n_row: int) -> Iterator[str]:
         )
 
 
-def _undeclared_arrays(obj, name):
-    """Yield faults of arrays that an object has outside its pytree fields, or in static ones."""
+def _undeclared_array_faults(obj, name):
+    """Yield faults of arrays that an object has outside its pytree fields, or in static ones.
+
+    `name` is what messages call the class of the object.
+    """
     kind, known = type(obj), type(obj)._all_fields
     for attribute, value in vars(obj).items():
         arrays = [x for x in jax.tree.leaves(value) if isinstance(x, np.ndarray | jax.Array)]
@@ -101,7 +104,7 @@ def method_faults(
     if "_all_fields" not in vars(type(state)):
         yield f"start: expected a `@pytree` class, got {type(state).__name__} without the decorator"
         return
-    yield from _undeclared_arrays(state, type(state).__name__)
+    yield from _undeclared_array_faults(state, type(state).__name__)
     faults = [*_field_faults(group, state, len(links))]
     if faults:
         yield from faults
@@ -358,7 +361,10 @@ def _describe_shape(array):
 
 
 def _relative_difference(one, other, size):
-    """Return the largest difference of two arrays over a `size`; NaN if shapes differ."""
+    """Return the largest absolute difference of two arrays over `size`; NaN if shapes differ.
+
+    Where `size` is zero, the difference itself is returned.
+    """
     if np.shape(one) != np.shape(other):
         return float("nan")
     return float(jnp.max(jnp.abs(one - other)) / jnp.where(size > 0, size, 1.0))

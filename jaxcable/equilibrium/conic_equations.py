@@ -19,7 +19,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear import Matrix
 from ..mechanics import pieces
 from ..mechanics.assembly import System
-from ..mechanics.tension_responses import TensionResponses, prescribed_tensions
+from ..mechanics.tension_responses import CableTensions, prescribed_tensions
 from ..numerics.cones import nesterov_todd_scaling, norm, repeat_for_vectors
 from ..spaces.space import Motion
 from .newton_step import max_abs
@@ -79,7 +79,7 @@ class ConicEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        responses: TensionResponses,
+        responses: CableTensions,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],

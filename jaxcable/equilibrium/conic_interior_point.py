@@ -73,7 +73,7 @@ _MIN_CENTERING = 1e-6  # least m of a predictor step over that of its start
 
 
 @pytree
-class ConicInteriorPoint:
+class ConicInteriorPointState:
     """State of the interior-point method with a second-order cone for every straight piece.
 
     Letters are those of the module: u is the bound of a piece's length, X its vector, N the tension
@@ -109,7 +109,7 @@ class ConicInteriorPoint:
     min_cg_limit: ClassVar[int] = -1
 
     @classmethod
-    def zeros(cls, system: System, x: Motion) -> ConicInteriorPoint:
+    def zeros(cls, system: System, x: Motion) -> ConicInteriorPointState:
         """Return the state before the method begins: all numbers zero."""
         n = sum(len(group.links) for group in system.groups)
         number, vector = (jnp.zeros(s, x.dtype) for s in pieces.piece_shapes(system))
@@ -121,7 +121,7 @@ class ConicInteriorPoint:
         """Force that unbalanced forces are compared with, scalar, N."""
         return jnp.maximum(jnp.max(self.tension), self.load)
 
-    def at_start(self, equations: Any, system: System, x: Motion) -> ConicInteriorPoint:
+    def at_start(self, equations: Any, system: System, x: Motion) -> ConicInteriorPointState:
         """Return the starting point: equal tensions, pieces without force, bounds with slack.
 
         Args:
@@ -166,7 +166,7 @@ class ConicInteriorPoint:
     ) -> FinishDecision:
         """Decide whether to try finishing steps, by the mean product of tensions and slacks.
 
-        Arguments are those of `InteriorPoint.decide_finish`; the residual says little here.
+        Arguments are those of `InteriorPointState.decide_finish`; the residual says little here.
         """
         least = float(jnp.finfo(relative_residual.dtype).eps) ** _FINISH_POWER
         remaining = self.product / (least * length * self.force_scale)
@@ -184,7 +184,7 @@ class ConicInteriorPoint:
         moved_along: Float[Array, " n_piece"],
         moved: Float[Array, "n_piece 3"],
         definite: Bool[Array, ""],
-    ) -> tuple[ConicInteriorPoint, Float[Array, ""], Bool[Array, ""]]:
+    ) -> tuple[ConicInteriorPointState, Float[Array, ""], Bool[Array, ""]]:
         """Make a predictor step (which only sets the corrector), or else a corrector step.
 
         If the matrix is not positive definite or the step not finite, the state stays as it is.

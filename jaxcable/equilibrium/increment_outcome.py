@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..common import status
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
 from ..mechanics.pieces import chain_differences
 from .newton_state import NewtonState
@@ -94,7 +94,7 @@ def make_outcome(
     x: Float[Array, "n_row n_motion"],
     active: Bool[ArrayLike, ""],
     ruptured: Bool[ArrayLike, ""],
-    factored: FactoredMatrix | None,
+    factored: FactorRecord | None,
 ) -> IncrementOutcome:
     """Make the `IncrementOutcome` from the end of an iteration.
 

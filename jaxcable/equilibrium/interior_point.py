@@ -33,7 +33,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..mechanics.assembly import EndForces, System
 from ..mechanics.tension_responses import (
-    TensionResponses,
+    CableTensions,
     linearized_elongation,
     net_stiffness,
     prescribed_tensions,
@@ -60,7 +60,7 @@ _MIN_CENTERING, _FIRST_CENTERING = 0.01, 0.2  # m over the mean of N y: least, a
 
 
 @pytree
-class InteriorPoint:
+class InteriorPointState:
     """State of the interior-point method with a bound on the length of every cable.
 
     Attributes:
@@ -81,7 +81,7 @@ class InteriorPoint:
     min_cg_limit: ClassVar[int] = 0  # as `limit` of `linear.solve_reusing_factor`
 
     @classmethod
-    def zeros(cls, system: System, x: Motion) -> InteriorPoint:
+    def zeros(cls, system: System, x: Motion) -> InteriorPointState:
         """Return the state before the method begins: all numbers zero."""
         none, zero = jnp.zeros_like(rest_lengths(system)), jnp.zeros((), x.dtype)
         return cls(none, none, zero, zero)
@@ -146,7 +146,7 @@ class LengthBoundEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        responses: TensionResponses,
+        responses: CableTensions,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],
@@ -225,7 +225,7 @@ class LengthBoundEquations:
             spare_length=under.spare_length,
             compliance=under.compliance,
             unknowns=copy_with(
-                unknowns, interior_point=InteriorPoint(tension, slack, centering, damping)
+                unknowns, interior_point=InteriorPointState(tension, slack, centering, damping)
             ),
         )
 
@@ -304,7 +304,7 @@ class LengthBoundEquations:
         shorter = jnp.minimum(of_tension, fraction)
         blocked = unknowns.blocked_steps
         blocked = jnp.where(shorter < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
-        inner = InteriorPoint(
+        inner = InteriorPointState(
             tension=inner.tension + of_tension * change,
             length_slack=inner.length_slack + fraction * wider,
             centering=jnp.maximum((1 - shorter) ** 2, _MIN_CENTERING),

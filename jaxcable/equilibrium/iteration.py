@@ -9,7 +9,7 @@ from ..common import status
 from ..common.batch_conditions import cond_in_batch
 from ..common.tree import copy_with, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
 from .convergence import AddedLoadCriterion, Convergence, IterationSettings, Progress
 from .net_steps import NetSteps
@@ -49,7 +49,7 @@ class EquilibriumSearch:
         kind = NetSteps if system.is_net else StructureSteps
         self.method: StepMethod = kind(system, self.begin, self.convergence)
 
-    def initial_state(self, factored: FactoredMatrix | None, steps: Int[Array, ""]) -> NewtonState:
+    def initial_state(self, factored: FactorRecord | None, steps: Int[Array, ""]) -> NewtonState:
         """Return the state before the first evaluation, which is at the start itself.
 
         `steps` are those that count already; `factored` is as in `NewtonState`.

@@ -12,7 +12,7 @@ from .. import linear
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..mechanics.assembly import System
-from ..mechanics.tension_responses import TensionResponses, has_load
+from ..mechanics.tension_responses import CableTensions, has_load
 from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
 from .convergence import Convergence
@@ -63,13 +63,21 @@ class NetSteps(StepMethod):
         return NetStrategy(unknowns, LineSearch.init(zero), LevenbergShift.initial(zero.dtype))
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
-        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
-        elements = TensionResponses.of(self.system, x, exact)
+        """Return the `Evaluation` at `x`: residual, its scale and rounding, and cable tensions.
+
+        With `exact`, elongations have the precision of double-double displacements, the sum of
+        motion and low-order part (`spaces.translations`), else that of a float.
+        """
+        elements = CableTensions.of(self.system, x, exact)
         forces = elements.residual_scale_and_rounding(self.system, x)
         return Evaluation(x, *forces, elements, jnp.asarray(exact))
 
     def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:
-        """Return the `Evaluation` at `x`, with low-order parts in full if they matter."""
+        """Return the `Evaluation` at `x`, with double-double displacements where they are needed.
+
+        They are at the first point, and where the rounding of plain displacements could exceed the
+        tolerance (`_needs_fine_part`).
+        """
         return self.evaluate_at(x, ~state.progress.has_begun | self._needs_fine_part(state.point))
 
     def _needs_fine_part(self, point):

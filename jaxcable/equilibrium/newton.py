@@ -50,7 +50,7 @@ from ..common import checks, status
 from ..common.rules import Rule, refuse_if_broken, whole_number
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
@@ -145,9 +145,9 @@ def equilibrate(
     x: Float[Array, "n_row n_motion"],
     method: Newton,
     active: Bool[ArrayLike, ""],
-    factored: FactoredMatrix | None = None,
+    factored: FactorRecord | None = None,
     judges_stability: Bool[ArrayLike, ""] = False,
-) -> tuple[IncrementOutcome, FactoredMatrix | None]:
+) -> tuple[IncrementOutcome, FactorRecord | None]:
     """Iterate a system to equilibrium, starting from motion `x`.
 
     Args:
@@ -250,7 +250,7 @@ def solve_increments(
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Newton,
     code: Int[Array, ""],
-    factored: FactoredMatrix | None,
+    factored: FactorRecord | None,
     last_output: ElementOutput,
     is_first: Bool[Array, ""],
     report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
@@ -260,7 +260,7 @@ def solve_increments(
     ElementOutput,
     ElementOutput,
     PyTree[Any],
-    FactoredMatrix | None,
+    FactorRecord | None,
 ]:
     """Bring a phase to equilibrium at every load factor, each time from the point before.
 

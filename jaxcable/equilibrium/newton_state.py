@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from .convergence import Progress
 
 
@@ -60,10 +60,10 @@ class NewtonState:
     progress: Progress
     steps: Int[Array, ""]
     code: Int[Array, ""]
-    factored: FactoredMatrix | None
+    factored: FactorRecord | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
 
     def with_point(self, **changes: Array) -> NewtonState:
-        """Return a copy with other fields of `point`."""
+        """Return a copy in which `changes`, by name, replace fields of the `Evaluation` `point`."""
         return copy_with(self, point=copy_with(self.point, **changes))

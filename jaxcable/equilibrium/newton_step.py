@@ -9,7 +9,7 @@ from .. import linear
 from ..common.batch_conditions import cond_in_batch
 from ..common.types import Array, Bool, Float
 from ..linear import Matrix
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
 
 CG_LIMIT = 12  # conjugate gradient steps that cost as much as a factorisation
@@ -27,11 +27,11 @@ def newton_direction(
     rhs: Float[Array, " n_free"],
     relative_residual: Float[Array, ""],
     tol: Float[Array, ""],
-    factored: FactoredMatrix | None,
+    factored: FactorRecord | None,
     wanted: Bool[Array, ""],
     similar: Bool[Array, ""],
     min_limit: int = 0,
-) -> tuple[Float[Array, " n_free"], Bool[Array, ""], FactoredMatrix | None]:
+) -> tuple[Float[Array, " n_free"], Bool[Array, ""], FactorRecord | None]:
     """Solve the linear equations of a Newton step.
 
     Args:

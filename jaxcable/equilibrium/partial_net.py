@@ -27,7 +27,7 @@ from ..common.types import Array, Bool, Float, Int
 from ..elements.abilities import TensionElement
 from ..mechanics.assembly import EndForces, System
 from ..mechanics.chords import has_chord, n_chord
-from ..mechanics.tension_responses import TensionResponses, net_stiffness
+from ..mechanics.tension_responses import CableTensions, net_stiffness
 from ..spaces.space import Motion, Step
 from .interior_point import LengthBoundEquations
 from .newton_step import max_abs
@@ -72,19 +72,19 @@ class PartialNet:
         only_cables = all(isinstance(group, TensionElement) for group in system.groups)
         return cls(system, is_cable) if any(is_cable) and not only_cables else None
 
-    def evaluate(self, x: Motion) -> tuple[TensionResponses, tuple[EndForces, list[Any]]]:
+    def evaluate(self, x: Motion) -> tuple[CableTensions, tuple[EndForces, list[Any]]]:
         """Evaluate the forces of all elements at motion `x`.
 
         Returns:
             Tensions and end forces of the cables; what `System.forces_and_tangents` returns for all
             other elements: their end forces, N, and what `tangents` can reuse of the evaluation.
         """
-        return TensionResponses.of(self.net, x, True), self.others.forces_and_tangents(x)
+        return CableTensions.of(self.net, x, True), self.others.forces_and_tangents(x)
 
     def equations(
         self,
         x: Motion,
-        elements: tuple[TensionResponses, tuple[EndForces, list[Any]]],
+        elements: tuple[CableTensions, tuple[EndForces, list[Any]]],
         unknowns: TensionUnknowns,
         residual: Step,
         length: Float[Array, ""],
@@ -118,7 +118,7 @@ class PartialNet:
     def tangents(
         self,
         x: Motion,
-        elements: tuple[TensionResponses, tuple[EndForces, list[Any]]],
+        elements: tuple[CableTensions, tuple[EndForces, list[Any]]],
         equations: LengthBoundEquations,
     ) -> list[Float[Array, "n_elem d d"]]:
         """Return the stiffness matrices of all elements at `x`, [n_elem, d, d] per group, N/m.
@@ -143,7 +143,8 @@ class PartialNet:
         """Return the axial forces for the geometric stiffness of a step, [n_chord], N.
 
         Outside of interior-point steps these are the predicted forces. In interior-point steps
-        cables have their present forces, with which `Chords.with_geometric_stiffness` adds nothing
+        cables have their present forces, with which
+        `Chords.tangents_with_geometric_stiffness` adds nothing
         to the matrices of `tangents`. All others have predicted forces, of which those in
         compression are zero if the same step has had an indefinite matrix before.
 

@@ -36,7 +36,7 @@ from ..mechanics.assembly import System
 from ..mechanics.chords import (
     Chords,
     compression_only_chords,
-    relative_to_first_end,
+    second_minus_first_end,
     tension_only_chords,
 )
 from ..spaces.space import Forces
@@ -51,7 +51,7 @@ _NEVER_CUT = 1e-3
 
 @pytree
 class PredictedForces:
-    """Predicted axial forces along all `Chords`: elements with two ends, and pieces of chains.
+    """Predicted axial forces along all `Chords`: elements with two ends, and segments of chains.
 
     Attributes:
         force: predicted axial forces, [n], N; tension positive.
@@ -117,8 +117,8 @@ class PredictedForces:
             force: axial forces after the step, linearized, [n], N (`Chords.forces_after_step`).
             predicting: whether the step's matrix has predicted forces; else the fraction is 1.
         """
-        apart = relative_to_first_end(system, row_step)
-        longer = chords.elongation(apart)
+        apart = second_minus_first_end(system, row_step)
+        longer = chords.linearized_elongation(apart)
         predicted = self.for_step(system, force, predicting)
         fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
         fraction = jnp.where(predicting, fraction, 1.0)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
 from ..spaces.space import Motion
 from .convergence import Convergence
@@ -77,7 +77,7 @@ class NextStep(NamedTuple):
     repeats: Bool[Array, ""]
     counts: Bool[Array, ""]
     definite: Bool[Array, ""]
-    factored: FactoredMatrix | None
+    factored: FactorRecord | None
 
 
 class StepMethod:
@@ -108,7 +108,7 @@ class StepMethod:
         return self.system.move(state.point.x, state.strategy.search.length * state.step)
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
-        """Return the `Evaluation` at `x`, with low-order parts in full if `exact`."""
+        """Return the `Evaluation` at `x`; if `exact`, with the precision of low-order parts."""
         raise NotImplementedError
 
     def evaluate(self, state: NewtonState, x: Motion) -> Evaluation:

@@ -19,7 +19,7 @@ from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, any_chords, relative_to_first_end
+from ..mechanics.chords import Chords, any_chords, second_minus_first_end
 from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
 from .convergence import Convergence
@@ -139,7 +139,7 @@ class StructureSteps(StepMethod):
         if predicted is None:
             return slope
         chords, row_step = tried.elements[1], self.system.space.prolong(tried.x, state.step)
-        longer = chords.elongation(relative_to_first_end(self.system, row_step))
+        longer = chords.linearized_elongation(second_minus_first_end(self.system, row_step))
         return slope - predicted.excess_force(chords.force) @ longer
 
     def choose(
@@ -250,7 +250,7 @@ class StructureSteps(StepMethod):
                 forces = partial_net.geometric_forces(forces, chords.force, unknowns)
             tangents = system.tangents(x, tangents)
             known = tangents
-            tangents = chords.with_geometric_stiffness(system, tangents, forces)
+            tangents = chords.tangents_with_geometric_stiffness(system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
             size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.progress.start_residual)
         shift = own.shift.value(size, self.length)

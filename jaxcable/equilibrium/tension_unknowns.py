@@ -40,11 +40,11 @@ from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
 from ..mechanics.pieces import all_suit_cone_solver
-from ..mechanics.tension_responses import TensionResponses, prescribed_tensions, rest_lengths
+from ..mechanics.tension_responses import CableTensions, prescribed_tensions, rest_lengths
 from ..spaces.space import Motion
 from .conic_equations import ConicEquations
-from .conic_interior_point import ConicInteriorPoint
-from .interior_point import InteriorPoint, LengthBoundEquations
+from .conic_interior_point import ConicInteriorPointState
+from .interior_point import InteriorPointState, LengthBoundEquations
 from .newton_state import Evaluation
 from .newton_step import max_abs
 
@@ -89,7 +89,7 @@ class TensionUnknowns:
 
     mode: Int[Array, ""]
     guess: Float[Array, " n"]
-    interior_point: ConicInteriorPoint | InteriorPoint
+    interior_point: ConicInteriorPointState | InteriorPointState
     is_new_mode: Bool[Array, ""]
     best_residual: Float[Array, ""]
     steps_since_halved: Int[Array, ""]
@@ -115,7 +115,7 @@ class TensionUnknowns:
         cones = (
             all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12 and not is_partial_net
         )
-        kind = ConicInteriorPoint if cones else InteriorPoint
+        kind = ConicInteriorPointState if cones else InteriorPointState
         return cls(
             mode=jnp.int32(MIXED),
             guess=jnp.zeros_like(rest_lengths(system)),
@@ -134,7 +134,7 @@ class TensionUnknowns:
     @property
     def has_cones(self) -> bool:
         """Whether the interior-point method is the one with a cone for every piece."""
-        return isinstance(self.interior_point, ConicInteriorPoint)
+        return isinstance(self.interior_point, ConicInteriorPointState)
 
     @property
     def uses_line_search(self) -> Bool[Array, ""]:
@@ -176,7 +176,7 @@ class TensionUnknowns:
     def awaits_corrector(self) -> Bool[ArrayLike, ""]:
         """Whether a predictor step has been made, and its corrector is the next step."""
         point = self.interior_point
-        if not isinstance(point, ConicInteriorPoint):
+        if not isinstance(point, ConicInteriorPointState):
             return False
         return self.uses_interior_point & point.has_predicted
 
@@ -283,7 +283,7 @@ class TensionUnknowns:
         self,
         system: System,
         x: Motion,
-        responses: TensionResponses,
+        responses: CableTensions,
         residual: Float[Array, " n_free"],
         length: Float[Array, ""],
     ) -> ConicEquations | LengthBoundEquations:

@@ -92,7 +92,10 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 
 @as_program
 def _evaluate_prestress(without_indices, index_arrays):
-    """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; a program."""
+    """Return the fields of `EquivalentPrestress`, a list of dicts of [n_elem], one for each group.
+
+    Arguments are those of `merge_solution_state`.
+    """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [
@@ -102,7 +105,10 @@ def _evaluate_prestress(without_indices, index_arrays):
 
 
 def _prestress_of_group(group, state, nodes, motion):
-    """Return the fields of `EquivalentPrestress` for one group: [n_elem] each, NaN if unknown."""
+    """Return the fields of `EquivalentPrestress` for one group: [n_elem] each, NaN if unknown.
+
+    `state` is that of the group; `nodes` are initial positions, `motion` displacements, m.
+    """
     unknown = jnp.full(len(group.links), jnp.nan, nodes.dtype)
     values = dict.fromkeys(EquivalentPrestress.__dataclass_fields__, unknown)
     if state.rest_length is None:

@@ -176,7 +176,11 @@ def _checked_group_numbers(structure, groups, n_elem):
 
 
 def _null_space_basis(matrix, tol):
-    """Return an orthonormal basis of the null space, [n_mode, n_group]; ValueError if empty."""
+    """Return an orthonormal basis of the null space of a matrix, [n_mode, n_group].
+
+    Singular values up to `tol` times the largest count as zero; ValueError if there is no such
+    mode.
+    """
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     if rank == matrix.shape[1]:
@@ -268,14 +272,21 @@ def _solve_other_groups(structure, free, links, membership, group, tension, tol)
 
 
 def _nodes_and_array_module(nodes, tension):
-    """Return the nodes, and the module for computing: `jax.numpy` for jax arrays, else `numpy`."""
+    """Return the nodes, and the module to compute with: `jax.numpy` if one argument is of jax.
+
+    `tension` is an array or a number; without jax arrays the module is `numpy`.
+    """
     if isinstance(nodes, jax.Array) or isinstance(tension, jax.Array):
         return jnp.asarray(nodes), jnp
     return nodes, np
 
 
 def _make_prestress(structure, free, links, group_number, group_tension, modes):
-    """Make the `Prestress` from the tensions of all groups, [n_group], N."""
+    """Return the `Prestress` with tensions `group_tension` of the groups, [n_group], N.
+
+    `free` says which degrees of freedom are free, [3 n_node]; `links` and `group_number` are
+    those of all elements; `modes` is the basis for the result, or None.
+    """
     nodes, xp = _nodes_and_array_module(structure.nodes, group_tension)
     tension = xp.asarray(group_tension, nodes.dtype)[group_number]
     unbalanced = equilibrium_matrix(nodes, links)[0][free] @ tension

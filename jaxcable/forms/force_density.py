@@ -161,8 +161,8 @@ class _AxesSharingMatrix:
 
     Attributes:
         axes: these axes, of 0, 1, 2.
-        free: numbers of the free nodes, [n_free].
-        unknown_of_end: number of the unknown of both ends of every element, [n_elem, 2]; n_free if
+        free: indices of the free nodes, [n_free].
+        unknown_of_end: index of the unknown of both ends of every element, [n_elem, 2]; n_free if
             the end is held.
         pattern: `linear.Pattern` of the matrix.
     """
@@ -213,7 +213,7 @@ def number_unknowns_by_axis(
 
 @as_program
 def _solve_with_nodal_loads(without_indices, index_arrays, numbering):
-    """Find the positions [n_node, 3] under nodal loads, by linear solves per axis; a program."""
+    """Return the positions [n_node, 3], m, under nodal loads, by linear solves for sets of axes."""
     parameters = merge_indices(without_indices, index_arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)
@@ -274,7 +274,7 @@ def start_displacements_by_force_density(
 
     def step(_, x):
         follows = system.followers is not None
-        load = system.load + system.following(x) if follows else system.load
+        load = system.load + system.follower_forces(x) if follows else system.load
         new = solve_positions(system.nodes, densities(x), load, numbering)
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 

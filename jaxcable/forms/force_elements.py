@@ -64,11 +64,14 @@ class ForceElements(Axial):
         return ForceElementState(nothing, nothing, nothing)
 
     def tension(self, state, ends, motion):
-        """Return the axial force ``T + k (l - L)``, N."""
+        """Return the axial force of one element, ``T + k (l - L)``, N; arguments as of `energy`."""
         return state.force + state.stiffness * (state.excess + measure_chord(ends, motion)[2])
 
     def energy(self, state, ends, motion):
-        """Return work of the prescribed force plus energy of the spring of one element, J."""
+        """Return work of the prescribed force plus energy of the spring of one element, J.
+
+        `ends` are initial positions, `motion` displacements of both ends, [2, 3], m.
+        """
         change = measure_chord(ends, motion)[2]
         elongation = state.excess + change
         return state.force * change + 0.5 * state.stiffness * elongation**2

@@ -141,7 +141,7 @@ def make_form(
     ok = code == status.OK
     # forces beyond the curve of a law, or NaN, must not make other cases of a batch NaN
     groups, positions, tensions = implicit.stop_gradient_unless(ok, (groups, positions, tensions))
-    lengths = [_length(group, positions[group.links]) for group in groups]
+    lengths = [_lengths_along_nodes(group, positions[group.links]) for group in groups]
     pairs = list(zip(lengths, tensions, strict=True))
     densities = [
         None if force is None or length is None else force / length for length, force in pairs
@@ -159,10 +159,10 @@ def make_form(
     return Form(*arrays, code, residual, relative, iterations, met)
 
 
-def _length(group, ends):
-    """Return the length of every element along its nodes at positions `ends`, [n_elem, n_end, 3].
+def _lengths_along_nodes(group, ends):
+    """Return the length of every element of a group along its nodes, [n_elem], m.
 
-    None for faces, and elements of one node.
+    `ends` are their positions, [n_elem, n_end, 3], m. None for faces, and elements of one node.
     """
     n_end = ends.shape[1]
     if n_end == 2:

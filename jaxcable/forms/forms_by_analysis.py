@@ -124,12 +124,12 @@ def find_form_by_analysis(
 
     Arguments and errors are those of `find_form`.
     """
-    passed, dependent = share_loads(structure, prescribed.is_prescribed, loads)
+    passed, dependent = split_loads_for_analysis(structure, prescribed.is_prescribed, loads)
     form = _find_form(structure, prescribed, passed, dependent, method)
     return arrange_form_as_elements(form, structure)
 
 
-def share_loads(
+def split_loads_for_analysis(
     structure: Structure, prescribed: Sequence[bool], loads: Load | Sequence[Load] | None
 ) -> tuple[list[Load], list[Any]]:
     """Check loads, and split them into those of an analysis and those that depend on the form.
@@ -190,7 +190,10 @@ def _takes_load(load, group):
 
 
 def _refuse_unknown_pressure(where, load, structure, prescribed):
-    """Raise ValueError for a pressure per unstressed length on elements of given forces."""
+    """Raise ValueError, which names `where`, for pressure per unstressed length on given elements.
+
+    Those are elements of groups with prescribed values, `prescribed` [n_group] bool.
+    """
     if isinstance(load, CablePressure) and load.per == "unstressed":
         numbers, _ = load.loaded_groups(structure)
         if any(prescribed[n] for n in numbers):
@@ -202,7 +205,10 @@ def _refuse_unknown_pressure(where, load, structure, prescribed):
 
 @as_program
 def _find_form(structure, prescribed, passed, dependent, method):
-    """Find the form, a `Form` with lists per group; a program. Arguments are from `share_loads`."""
+    """Return the form of a structure with `prescribed` values, a `Form` with lists per group.
+
+    `passed` and `dependent` are loads from `split_loads_for_analysis`.
+    """
     nodes = jnp.asarray(structure.nodes)
     parameters = nodes, structure.groups, prescribed, passed, dependent
     prescribed, groups, dependent = cast_floats(
@@ -244,10 +250,11 @@ def _find_form(structure, prescribed, passed, dependent, method):
 
 
 def _elements_of_analysis(groups, prescribed, multipliers, springs):
-    """Return the groups of the analysis, with `PrescribedElements` for those that are prescribed.
+    """Return all groups of elements for the analysis, a list in the order of the structure.
 
-    `multipliers` are the forces of the elements of given length, [n_all], N; `springs` their spring
-    constants, [n_all], N/m; both None without such elements.
+    A group with prescribed values becomes `PrescribedElements` as a whole, others stay.
+    `multipliers` are the forces of the elements of given length, [n_all], N, group after group,
+    `springs` their spring constants, [n_all], N/m; both None without such elements.
     """
     found, start = [], 0
     lists = prescribed.forces, prescribed.densities, prescribed.lengths
@@ -268,11 +275,11 @@ def _elements_of_analysis(groups, prescribed, multipliers, springs):
     return found
 
 
-def _given_elements(groups, prescribed):
+def _elements_of_given_length(groups, prescribed):
     """Generate the elements of given length, group by group.
 
     Yields:
-        (group, numbers of its elements [n], node numbers [n, 2], given lengths [n], m).
+        (group, indices of its elements [n], node numbers [n, 2], given lengths [n], m).
     """
     lengths = zip(groups, prescribed.lengths, prescribed.given_elements, strict=True)
     for group, length, at in lengths:
@@ -281,14 +288,18 @@ def _given_elements(groups, prescribed):
 
 
 def _spring_constants(groups, prescribed, nodes):
-    """Return spring constants of the elements of given length, [n_all], N/m, not differentiated."""
+    """Return spring constants of the elements of given length, [n_all], N/m, not differentiated.
+
+    They are EA by the laws of the groups over the length, limited by the largest prescribed
+    force.
+    """
     forces = []
     for group, force, density in zip(groups, prescribed.forces, prescribed.densities, strict=True):
         if force is not None:
             forces += [force, density * group.chord(nodes[group.links.array])]
     largest = _SPRING_FORCE_RATIO * jnp.max(jnp.abs(jnp.concatenate(forces)))
     found = []
-    for group, numbers, _, length in _given_elements(groups, prescribed):
+    for group, numbers, _, length in _elements_of_given_length(groups, prescribed):
         zero, one = jnp.zeros(len(group.links), nodes.dtype), jnp.ones(len(group.links))
         memory = group.initial_memory()
         # (B023: the function is called at once, not after the loop)
@@ -309,14 +320,14 @@ def _find_multipliers(analyse, groups, prescribed, nodes, method):
     Returns:
         The forces and spring constants; the status; the number of linear solves.
     """
-    wanted = jnp.concatenate([d[-1] for d in _given_elements(groups, prescribed)])
+    wanted = jnp.concatenate([d[-1] for d in _elements_of_given_length(groups, prescribed)])
 
     def errors(solution):
         moved = solution.last.displacement
         return jnp.concatenate(
             [
                 jax.vmap(length_error)(nodes[links], moved[links], length)
-                for _, _, links, length in _given_elements(groups, prescribed)
+                for _, _, links, length in _elements_of_given_length(groups, prescribed)
             ]
         )
 

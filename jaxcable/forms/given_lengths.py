@@ -34,16 +34,16 @@ _LEAST_PART = 1 / 2048
 
 @pytree
 class SaddlePointNumbering:
-    """Numbers of the unknowns of a form with given lengths.
+    """Indices of the unknowns of a form with given lengths.
 
     The free displacements come first, then the forces of the elements whose length is given: these
     are Lagrange multipliers.
 
     Attributes:
-        unknown_of_dof: number of the unknown of every degree of freedom, [n_node, 3]; n_all if a
+        unknown_of_dof: index of the unknown of every degree of freedom, [n_node, 3]; n_all if a
             support holds it.
-        given_elements: for each group the numbers of its elements of given length, or None.
-        unknowns: for each group the numbers of the six end displacements and the force of these
+        given_elements: for each group the indices of its elements of given length, or None.
+        unknowns: for each group the indices of the six end displacements and the force of these
             elements, [n_given, 7], or None.
         pattern: `linear.Pattern` of the Hessian.
         zeros: n_all zeros; their shape tells the number of unknowns where the rest is traced.
@@ -170,7 +170,7 @@ class SaddlePointSystem:
         """Generate, for each group with given lengths, the data of these elements.
 
         `motion` has the displacements [n_node, 3]. Yields initial positions of the ends [n_given,
-        2, 3], their displacements, lengths L [n_given], and numbers of the unknowns [n_given, 7].
+        2, 3], their displacements, lengths L [n_given], and indices of the unknowns [n_given, 7].
         """
         n = self.numbering
         for group, chosen, unknowns, lengths in zip(
@@ -218,9 +218,12 @@ class SaddlePointSystem:
         return self._assemble_hessian(parts, motion)
 
     def _assemble_hessian(self, parts, motion):
-        """Assemble the Hessian from blocks of the displacements and the constraints' own blocks.
+        """Return the Hessian of the Lagrangian, [n_all, n_all], dense or sparse.
 
-        `parts` are pairs (blocks, numbers of unknowns); `motion` has the displacements [n_node, 3].
+        Args:
+            parts: blocks by displacements alone, as pairs (blocks, indices of their unknowns).
+            motion: displacements, [n_node, 3], m, at which the blocks of the length constraints
+                are evaluated and added.
         """
         couple = jax.vmap(functools.partial(_constraint_hessian, self.unit))
         parts = parts + [
@@ -252,7 +255,11 @@ class SaddlePointSystem:
 
 
 def length_error(ends, moved, length):
-    """Return an element's length minus its given `length`, m, without cancellation at the start."""
+    """Return an element's length minus its given `length`, m, without cancellation at the start.
+
+    `ends` are initial positions of its two ends, [2, 3], m, `moved` their displacements, [2,
+    3], m.
+    """
     _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
 

@@ -11,8 +11,8 @@ from jax import lax
 from .. import linear
 from ..analysis.element_shapes import (
     StateOrPhase,
-    known_results,
     map_shapes,
+    results_of_state,
     shapes_of_groups,
 )
 from ..common import checks
@@ -60,9 +60,9 @@ def catenary_curves(
     parts = jnp.linspace(0.0, 1.0, n)
 
     def of_group(shapes, there, _):
-        return jnp.where(there[..., None, None], map_shapes(_points, shapes, parts), jnp.nan)
+        return jnp.where(there[..., None, None], map_shapes(_positions_at, shapes, parts), jnp.nan)
 
-    return _of_catenaries(structure, solution, of_group)
+    return _map_over_catenaries(structure, solution, of_group)
 
 
 def end_tensions(
@@ -104,21 +104,21 @@ def end_tensions(
         straight = jnp.repeat(tension[..., None], 2, axis=-1)
         return jnp.where(there[..., None], jnp.where(shapes.hangs[..., None], ends, straight), 0.0)
 
-    return _of_catenaries(structure, solution, of_group)
+    return _map_over_catenaries(structure, solution, of_group)
 
 
-def _of_catenaries(structure, state, function):
-    """Call a function of shapes, active elements and tensions for all groups of catenaries.
+def _map_over_catenaries(structure, state, function):
+    """Call a function for each group of catenaries; return its values in the shape of the elements.
 
-    Returns its values in the shape of the structure's elements, None for other groups; raises
-    ValueError for a structure without catenaries.
+    `function` takes the element shapes, which elements are active, and tensions, N. Other
+    groups have None; a structure without catenaries raises ValueError.
     """
     if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
     every = shapes_of_groups(structure, state)
-    tensions = items_per_group(structure, known_results(structure, state).tension)
+    tensions = items_per_group(structure, results_of_state(structure, state).tension)
     return structure.arrange(
         [
             function(*own, tension) if isinstance(group, Sagging) else None
@@ -127,13 +127,13 @@ def _of_catenaries(structure, state, function):
     )
 
 
-def _points(shape, parts):
-    """Return points of one element, [n, 3], m, at `parts` of its unstressed length."""
+def _positions_at(shape, parts):
+    """Return positions on one element, [n, 3], m, at fractions `parts` of its unstressed length."""
     return jax.vmap(shape.point)(parts)
 
 
 def _tensions_at_ends(shape):
-    """Return the tensions at both ends of one catenary, [2], N."""
+    """Return the tensions at both ends of one catenary, [2], N, from its `ElementShapes`."""
     pulls = jax.vmap(shape.tangent)(jnp.arange(2, dtype=shape.pull.dtype))
     return jnp.sqrt(jnp.sum(pulls * pulls, axis=1))
 

@@ -49,7 +49,10 @@ class PrescribedElements(ForceElements):
         return jnp.zeros((), bool)
 
     def form_state(self) -> ForceElementState:
-        """Return the state by which `FormDependentLoads` finds axial forces from lengths."""
+        """Return the state with the spring length 0 in place of L, and the force ``T - k L``.
+
+        From it `FormDependentLoads` computes axial forces by lengths alone.
+        """
         return ForceElementState(
             self.force - self.stiffness * self.natural_length, self.stiffness, None
         )
@@ -83,7 +86,10 @@ class FormLoads(Following):
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Return derivatives of the forces by current positions `moved`, in blocks."""
+        """Return derivatives of the forces by current positions `moved`, in blocks.
+
+        For each load and group a pair: blocks [n, k, 3, k, 3], N/m, and nodes [n, k].
+        """
         known: Any = self.states
         blocks: Any = self.acting.following_blocks(None, known, None, moved)
         return blocks

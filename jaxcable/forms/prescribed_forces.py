@@ -277,9 +277,10 @@ def _force_densities(net, ends):
 
 
 def _make_saddle_point_system(force_net, given, dof_map, saddle_numbering):
-    """Make the `SaddlePointSystem` of a net in which some lengths are given.
+    """Return the `SaddlePointSystem` of a `ForceElementNet` in which some lengths are given.
 
-    `given` has for each group the pair of lengths and where they are given.
+    `given` has for each group the pair of lengths, m, and where they are given; `dof_map` and
+    `saddle_numbering` number the unknowns.
     """
     made = force_net.make_system(dof_map)
     given = [lengths for lengths, _ in given]

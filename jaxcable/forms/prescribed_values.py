@@ -42,24 +42,24 @@ class PrescribedValues:
 
     @property
     def is_prescribed(self) -> list[bool]:
-        """Whether anything is prescribed of a group, for every group."""
+        """Whether the elements of a group have prescribed values, a bool for every group."""
         return [force is not None for force in self.forces]
 
     @property
     def has_lengths(self) -> bool:
-        """Whether any length is given."""
+        """Whether the length of any element is given."""
         return any(mask.array.any() for mask in self.sought)
 
     @property
     def given_elements(self) -> list[Int[np.ndarray, " n_given"]]:
-        """Numbers of the elements of given length of each group, NumPy."""
+        """Indices of the elements of given length, a NumPy array [n_given] for each group."""
         return [np.flatnonzero(mask.array) for mask in self.sought]
 
     @property
     def given_lengths(
         self,
     ) -> list[tuple[Float[Array, " n_elem"] | None, Bool[np.ndarray, " n_elem"]]]:
-        """For each group the pair of lengths, m, and whether they are given."""
+        """For each group the pair of lengths, [n_elem], m, and whether they are given, [n_elem]."""
         pairs = zip(self.lengths, self.sought, strict=True)
         return [(length, mask.array) for length, mask in pairs]
 
@@ -106,7 +106,10 @@ def read_prescribed_values(
 
 
 def _where_chosen(values, chosen, prescribed, otherwise):
-    """Return values per group where they are `chosen`, else a number; None unless `prescribed`."""
+    """Return values per group where they are `chosen`, else the number `otherwise`.
+
+    An item is None if the group has no prescribed value. Masks `chosen` are [n_elem] bool.
+    """
     filled = [otherwise if value is None else value for value in values]
     return [
         checks.numpy_or_jax(value).where(mask, value, otherwise) if own else None
@@ -129,7 +132,7 @@ def _prescribed_forces(structure, values, chosen, prescribed):
             stated = values["tension"][k]
             forces = checks.numpy_or_jax(stated).where(chosen["tension"][k], stated, forces)
         if chosen["stress"][k].any():
-            area = group._axial_section()[2]
+            area = group._stiffness_law_and_area()[2]
             if area is None:
                 raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
             given = chosen["stress"][k], values["stress"][k] * area, forces

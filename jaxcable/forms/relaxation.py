@@ -159,7 +159,8 @@ def _start_element_states(group, ends, force, rest):
 def _forces_and_stiffness_bound(element, state, ends, motion):
     """Return the end forces of an element, [2, 3], N, and an upper bound of its stiffness, N/m.
 
-    The bound holds in any direction; a slack element has the bound of a taut one.
+    The bound holds in any direction; a slack element has the bound of a taut one. `ends` are
+    initial positions, `motion` displacements of both ends, [2, 3], m.
     """
 
     def along():
@@ -173,7 +174,7 @@ def _forces_and_stiffness_bound(element, state, ends, motion):
 
 
 def _unstressed_length(element, state, ends, motion):
-    """Return the unstressed length of an element, m.
+    """Return the unstressed length of one element at displacements `motion` of its ends, m.
 
     If its force is prescribed, this is the length with which its law gives the force.
     """

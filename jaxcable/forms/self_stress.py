@@ -286,7 +286,11 @@ def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_
 
 
 def _allowed_rigid_motions(nodes, free, tol):
-    """Return an orthonormal basis of those rigid motions that supports allow, [n_rigid, n_free]."""
+    """Return an orthonormal basis of those rigid motions that supports allow, [n_rigid, n_free].
+
+    `free` says which degrees of freedom are free, [3 n_node]; `tol` is a relative rank
+    tolerance.
+    """
     basis = rigid_motions(nodes)
     _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
     n_held = int((values > max(tol, 1e-10)).sum())

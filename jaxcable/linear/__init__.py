@@ -25,7 +25,7 @@ from .solver import (
     selectable_solver_names,
     solver_named,
 )
-from .sparse import FactoredMatrix, SparseFactor, no_factored_matrix, with_unusable_factor
+from .sparse import FactorRecord, SparseFactor, no_factored_matrix, with_unusable_factor
 from .spectrum import NOT_COUNTED, inertia_and_nearest_mode, is_symmetric
 
 __all__ = [
@@ -83,7 +83,7 @@ def add_to_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
 def add_to_diagonal_entry(
     matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
 ) -> Matrix:
-    """Return the matrix with `value`, a scalar, added to its diagonal entry number `place`."""
+    """Return the matrix with `value`, a scalar, added to its diagonal entry of index `place`."""
     if isinstance(matrix, SparseMatrix):
         return matrix.add_to_diagonal_entry(place, value)
     return matrix.at[place, place].add(value)
@@ -120,7 +120,7 @@ def nan_unless(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
 def factorize(
     matrix: Matrix,
     loose: Bool[Array, " n"] | None = None,
-    factored: FactoredMatrix | None = None,
+    factored: FactorRecord | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> OnDeviceFactor | SparseFactor:
@@ -133,8 +133,9 @@ def factorize(
 
     Args:
         matrix: [n, n]; it is not differentiated.
-        loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
-        factored: the `FactoredMatrix` of an earlier `solve_reusing_factor`; None for none.
+        loose: unknowns without stiffness (empty rows and columns), left out of the solve, [n]
+            bool.
+        factored: the `FactorRecord` of an earlier `solve_reusing_factor`; None for none.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is known
             to be positive semidefinite.
@@ -172,11 +173,11 @@ def is_definite(matrix: Matrix) -> Bool[Array, ""]:
 def solve_reusing_factor(
     matrix: Matrix,
     rhs: Float[Array, " n"],
-    factored: FactoredMatrix | None,
+    factored: FactorRecord | None,
     tol: Float[ArrayLike, ""],
     limit: Int[ArrayLike, ""],
     wanted: Bool[ArrayLike, ""],
-) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
+) -> tuple[Float[Array, " n"], Bool[Array, ""], FactorRecord | None]:
     """Solve one of a sequence of similar, positive definite systems; not differentiable.
 
     A dense matrix is factorised. A sparse matrix is factorised only if conjugate gradients with the
@@ -185,7 +186,7 @@ def solve_reusing_factor(
     Args:
         matrix: positive definite, [n, n].
         rhs: right side, [n].
-        factored: the `FactoredMatrix` that the solve before has returned, `no_factored_matrix` at
+        factored: the `FactorRecord` that the solve before has returned, `no_factored_matrix` at
             first; None for dense matrices.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 always factorises, and
@@ -194,7 +195,7 @@ def solve_reusing_factor(
 
     Returns:
         Solution [n]; whether the matrix is positive definite (conjugate gradients see this in the
-        directions of their steps only); `FactoredMatrix` for the next solve.
+        directions of their steps only); `FactorRecord` for the next solve.
     """
     if isinstance(matrix, SparseMatrix):
         tol, limit = jnp.asarray(tol, rhs.dtype), jnp.int32(limit)

@@ -97,7 +97,12 @@ def _solve_banded_batch(band, rhs):
 
 @_solve_banded_batch.def_vmap
 def _solve_banded_batch_rule(axis_size, mapped, band, rhs):
-    """Rule for `jax.vmap`: a larger batch, or more right sides if all cases share the matrices."""
+    """Rule for `jax.vmap`: a larger batch, or more right sides if all cases share the matrices.
+
+    `axis_size` is the number of mapped cases, `mapped` says which of `band` and `rhs` have
+    their axis. Returns solutions, whether matrices are definite, and whether these results are
+    mapped.
+    """
     if not mapped[0]:
         cases, n, sides = rhs.shape[1:]
         rhs = jnp.moveaxis(rhs, 0, 2).reshape(cases, n, axis_size * sides)

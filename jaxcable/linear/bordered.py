@@ -56,7 +56,7 @@ def solve_bordered(
         corner: d, scalar.
         rhs: b, [n].
         last: e, scalar.
-        loose: unknowns with empty rows and columns, which stay zero, [n] bool.
+        loose: unknowns without stiffness (empty rows and columns), which stay zero, [n] bool.
 
     Returns:
         x [n], y scalar, and whether the bordered matrix is regular to working precision.
@@ -71,7 +71,8 @@ def solve_bordered(
 def _solve_bordered_dense(matrix, column, row, corner, rhs, last, loose):
     """Solve ``K x + c y = b, r.x + d y = e`` with a dense K, by LU factors of the whole.
 
-    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    `matrix` is K, `column` c, `row` r, `corner` d, `rhs` b and `last` e; unknowns in `loose`
+    [n] stay zero. Returns x [n], y, and whether the matrix is regular.
     """
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
@@ -100,7 +101,7 @@ def _largest_or_one(v):
 def _solve_bordered_on_host(matrix, column, row, corner, rhs, last, loose):
     """Solve ``K x + c y = b, r.x + d y = e`` with a sparse K, by a call of NumPy on the host.
 
-    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    Arguments and results are those of `_solve_bordered_dense`.
     """
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
@@ -138,8 +139,9 @@ def make_bordered_solver(solver, stored):
 def _solve_bordered_case(analysed, values, loose, column, row, rhs, corner, last):
     """Solve ``K x + c y = b, r.x + d y = e`` in NumPy, for one case of a batch.
 
-    `analysed` is the `host.AnalysedPattern` of K, `values` are its stored entries, [n_value].
-    Returns x, y, and whether the matrix is regular; zeros if it is not.
+    `analysed` is the `host.AnalysedPattern` of K, `values` are its stored entries, [n_value];
+    other arguments as of `_solve_bordered_dense`. Returns x [n], y, and whether the matrix is
+    regular; zeros if it is not.
     """
     n = len(rhs)
     nothing = np.zeros(n), 0.0, False
@@ -193,7 +195,10 @@ def _solve_by_block_elimination(factor, whole, b, size):
 
 
 def _solve_by_whole_lu(whole, b):
-    """Solve by LU factors of the whole bordered matrix, pivoted; return None if it is singular."""
+    """Solve with LU factors of the whole bordered matrix `whole` (SciPy), with pivoting, for `b`.
+
+    Returns the solution [n + 1]; None if the matrix is singular to rounding.
+    """
     lu = decompose_lu(whole)
     if lu is None:
         return None
@@ -204,9 +209,9 @@ def _solve_by_whole_lu(whole, b):
 
 
 def _refine_solution(solve, whole, b):
-    """Solve by ``solve``, an approximate inverse of `whole`, with iterative refinement.
+    """Solve ``whole z = b`` by `solve`, an approximate inverse of the matrix, and refinement.
 
-    Returns the solution, or None if its residual does not fall to rounding.
+    Returns the solution z, or None if its residual does not fall to rounding.
     """
     sizes, z, left = abs(whole), np.zeros_like(b), b
     for _ in range(1 + _MOST_REFINEMENTS):

@@ -31,7 +31,7 @@ def load_cvxopt() -> Any:
 
 
 class _CholmodAnalysis(solver.Analysis):
-    """Symbolic analysis of a sparsity pattern by CHOLMOD, once for each factor that is in use."""
+    """Symbolic analysis of a sparsity pattern by CHOLMOD; each factor in use has a copy of it."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -53,7 +53,8 @@ class _CholmodAnalysis(solver.Analysis):
     ) -> solver.NumericFactor | None:
         """Factorise the matrix with these entries, [n_value]; return None if it is singular.
 
-        CHOLMOD takes it if it must be `definite`, else SuperLU.
+        With `definite` by CHOLMOD, for which an indefinite matrix is singular, else by
+        SuperLU.
         """
         if not definite:
             return self.indefinite_analysis.factorize(values, False)

@@ -1,4 +1,4 @@
-"""What factors of all kinds share: solves with marks, and their derivatives."""
+"""What factors of all kinds share: solves with masks of undefined entries, and derivatives."""
 
 from __future__ import annotations
 
@@ -70,10 +70,14 @@ class MatrixFactor(abc.ABC):
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
-    def solve_with_marks(
+    def solve_with_undefined_mask(
         self, b: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
-        """Solve A x = b: return x [n], zero where undefined, and a mask of these entries, [n]."""
+        """Solve A x = b: return x [n], zero where undefined, and a mask of undefined entries, [n].
+
+        Undefined are unknowns without stiffness, and all if A is singular or x has no
+        digits.
+        """
         answer, regular, sound = self.solve_checked(b, False)
         unknown = self.loose | ~regular | ~sound
         return jnp.where(unknown, 0.0, answer), unknown

@@ -133,7 +133,10 @@ class AnalysedPattern:
         return None
 
     def _make_factor(self, values, definite, small_pivots):
-        """Scale the matrix with these entries and factorise it; None if it is singular."""
+        """Return the `HostFactor` of the matrix with these entries [n_value]; None if singular.
+
+        The matrix is scaled to unit diagonal before. Arguments as of `find_or_make_factor`.
+        """
         if definite and not self.symmetric:
             values = 0.5 * (values + values[self.transposed])
         size = diagonal_scale(values[self.diagonal])

@@ -45,7 +45,7 @@ def linear_map(
 
 
 def _evaluate_linear_map(x, *integers, map_and_transpose):
-    """Return the value of the map at x."""
+    """Return the value of the map at x; arguments of this and the other rules as said above."""
     return map_and_transpose[0](x, *integers)
 
 

@@ -160,7 +160,8 @@ def _list_matrix_entries(numbers, size, symmetric, paired):
 def _band_positions(rows, columns, size, symmetric):
     """Return `order`, `place`, `band`, `upper_band` of a `Pattern`; None if the band is too wide.
 
-    Where only the upper triangle is stored (`symmetric`), there is no `upper_band`.
+    `rows` and `columns` are those of the values, [n_value], of a matrix of this `size`. Where
+    only the upper triangle is stored (`symmetric`), there is no `upper_band`.
     """
     if size > _WIDEST_BAND**2:
         return (None,) * 4
@@ -178,7 +179,7 @@ def _band_positions(rows, columns, size, symmetric):
 
 
 def _symmetric_matrix(rows, columns, size):
-    """Return a symmetric SciPy matrix with entries that are not zero at `rows` and `columns`."""
+    """Return a symmetric SciPy matrix [size, size] with entries at `rows`, `columns`."""
     upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
     return upper + upper.T
 
@@ -196,7 +197,11 @@ def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarra
 
 
 def _dense_positions(rows, columns, size, symmetric):
-    """Return the position among the values of every entry of the dense matrix, [n, n]."""
+    """Return the position among the values of every entry of the dense matrix, [n, n].
+
+    It is the number of values where an entry is zero. `rows` and `columns` are those of the
+    values.
+    """
     table = np.full((size, size), len(rows), np.uint32)
     table[rows, columns] = np.arange(len(rows))
     if symmetric:
@@ -218,7 +223,7 @@ class SparseMatrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and of columns, (n, n)."""
+        """Number of rows and number of columns, (n, n)."""
         return self.pattern.size, self.pattern.size
 
     def diagonal(self) -> Float[Array, " n"]:

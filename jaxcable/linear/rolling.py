@@ -150,7 +150,10 @@ def solve_with_factor(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) ->
 
 
 def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the product, [n], of a symmetric matrix, given by its lower band, and a vector x."""
+    """Return the product, [n], of a symmetric banded matrix and a vector x, [n].
+
+    `band` is the lower band, ``band[k, i] = A[k + i, k]``, [n, b + 1].
+    """
     n, width = band.shape
     x = jnp.pad(x, (width, width))
     here, away = width + jnp.arange(n)[:, None], jnp.arange(width)[None, :]

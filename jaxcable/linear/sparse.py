@@ -84,8 +84,8 @@ def _solve_sparse_on_host(pattern, kind, rhs, n_flag, *arrays):
 
 
 @pytree
-class FactoredMatrix:
-    """The last matrix that was factorised on the host, whose factor later solves may use again.
+class FactorRecord:
+    """Record of the last matrix factorised on the host; later solves may use its factor again.
 
     Attributes:
         values: values of that matrix, [n_value].
@@ -101,16 +101,16 @@ class FactoredMatrix:
     pause: Int[Array, ""]
 
 
-def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactoredMatrix | None:
-    """Return the `FactoredMatrix` before a first solve; None for solvers inside of the program."""
+def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactorRecord | None:
+    """Return the `FactorRecord` before a first solve; None for solvers inside of the program."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
-    return FactoredMatrix(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
+    return FactorRecord(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
-def with_unusable_factor(factored: FactoredMatrix | None) -> FactoredMatrix | None:
-    """Return a `FactoredMatrix` with the same count whose factor is not used; None stays None."""
+def with_unusable_factor(factored: FactorRecord | None) -> FactorRecord | None:
+    """Return a `FactorRecord` with the same count whose factor is not used; None stays None."""
     return None if factored is None else copy_with(factored, usable=jnp.zeros((), bool))
 
 
@@ -118,17 +118,17 @@ def with_unusable_factor(factored: FactoredMatrix | None) -> FactoredMatrix | No
 def solve_reusing_factor(
     matrix: SparseMatrix,
     rhs: Float[Array, " n"],
-    factored: FactoredMatrix | None,
+    factored: FactorRecord | None,
     tol: Float[Array, ""],
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
-) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
+) -> tuple[Float[Array, " n"], Bool[Array, ""], FactorRecord | None]:
     """Solve the next of a sequence of similar, definite systems; not differentiable.
 
     `factored` is the matrix factorised last (None if the solver is in the compiled program), with
     whose factor conjugate gradients try to solve: `tol` is the relative residual, `limit` the
     number of steps allowed. `wanted` is False if the result does not matter. Returns the solution
-    [n], whether the matrix is positive definite, and the `FactoredMatrix` for the next solve.
+    [n], whether the matrix is positive definite, and the `FactorRecord` for the next solve.
     """
     p = matrix.pattern
     if p.solver.on_device:
@@ -136,7 +136,7 @@ def solve_reusing_factor(
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     arrays = matrix.values, factored.values, tried, tol, limit, wanted
     x, definite, fresh = _solve_sparse_on_host(p, "next", rhs, 2, *arrays)
-    after = FactoredMatrix(
+    after = FactorRecord(
         values=jnp.where(fresh, matrix.values, factored.values),
         usable=factored.usable | fresh,
         count=factored.count + fresh,
@@ -156,7 +156,11 @@ def is_definite(matrix: SparseMatrix) -> Bool[Array, ""]:
 
 @solve_reusing_factor.def_vmap
 def _solve_reusing_factor_batch_rule(axis_size, mapped, *arguments):
-    """Rule for `jax.vmap`: solve in jax if the bandwidth is small, else by cases on the host."""
+    """Rule for `jax.vmap`: solve in jax if the bandwidth is small, else case by case on the host.
+
+    `axis_size` is the number of cases, `mapped` says which arrays in `arguments` have their
+    axis. Returns the results, and which of them are mapped.
+    """
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     out = (0, 0, jax.tree.map(lambda _: 0, factored))
@@ -188,7 +192,7 @@ class SparseFactor(MatrixFactor):
 
     matrix: SparseMatrix
     loose: Bool[Array, " n"]
-    factored: FactoredMatrix | None = None
+    factored: FactorRecord | None = None
     tol: Float[ArrayLike, ""] = 0.0
     limit: Int[ArrayLike, ""] = 0
 
@@ -230,7 +234,7 @@ class SparseFactor(MatrixFactor):
 def factorize(
     matrix: SparseMatrix,
     loose: Bool[Array, " n"] | None = None,
-    factored: FactoredMatrix | None = None,
+    factored: FactorRecord | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> OnDeviceFactor | SparseFactor:

@@ -51,7 +51,7 @@ def inertia_and_nearest_mode(
 
     Args:
         matrix: [n, n].
-        loose: unknowns with empty rows and columns, left out, [n] bool.
+        loose: unknowns without stiffness (empty rows and columns), left out, [n] bool.
         general: whether the matrix may be unsymmetric; it is treated as symmetric if it is so.
         strict: whether to count also negative eigenvalues as small as rounding, scalar. This counts
             noise where eigenvalues stay zero along the path, but it is needed near an eigenvalue
@@ -145,7 +145,7 @@ def _count_negative_eigenvalues(matrix, sure):
 
 
 def _spectrum_on_host(matrix, loose, general, strict):
-    """Compute `inertia_and_nearest_mode` of a sparse matrix by a call of NumPy on the host."""
+    """Return what `inertia_and_nearest_mode` does for a sparse matrix, by NumPy on the host."""
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
@@ -241,7 +241,7 @@ def _spectrum_of_sparse_symmetric(matrix, sure):
 
 
 def _is_sparse_symmetric(matrix, tol):
-    """Tell whether a SciPy matrix is symmetric up to a tolerance, relative to its diagonal."""
+    """Return whether a SciPy matrix is symmetric up to `tol` times the roots of its diagonal."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     apart = abs(matrix - matrix.T).tocoo()
     return not (apart.data > tol * size[apart.row] * size[apart.col]).any()

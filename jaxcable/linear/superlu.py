@@ -71,7 +71,7 @@ class _SuperLUAnalysis(solver.Analysis):
         )
 
     def _factorize_in_factor_thread(self, values, definite):
-        """Factorise a matrix (its entries), unpivoted if `definite`; runs in `_factor_thread`."""
+        """Return the factor of a matrix as `factorize` does; runs in `_factor_thread`."""
         self.matrix.data = values[self.take]
         lu = decompose_without_pivoting(self.matrix, "NATURAL", 0.0 if definite else 1e-3)
         return None if lu is None else _SuperLUFactor(self.order, lu)

@@ -68,7 +68,10 @@ _thin_svd = vmap_by_loop(lambda matrix: tuple(jnp.linalg.svd(matrix, full_matric
 
 @functools.cache
 def _triangular_solver(lower, transposed, unit_diagonal=False):
-    """Return ``solve(factor, rhs)`` for triangular matrices; a unit diagonal need not be stored."""
+    """Return ``solve(factor, rhs)`` for a lower or upper triangle, or its transpose; cached.
+
+    With `unit_diagonal` the diagonal counts as 1 and need not be stored.
+    """
 
     def solve(factor, rhs):
         options = {"lower": lower, "unit_diagonal": unit_diagonal}
@@ -85,7 +88,10 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 @cholesky.defjvp
 def _cholesky_jvp(primals, tangents):
-    """Derivative: ``dL = L tril(L^-1 dA L^-T)``, with half of the diagonal (Murray 2016, eq. 8)."""
+    """JVP rule: return the factor and its tangent ``dL = L tril(L^-1 dA L^-T)`` for dA symmetrized.
+
+    Half of the diagonal counts in ``tril`` (Murray 2016, eq. 8).
+    """
     factor = cholesky(*primals)
     change = 0.5 * (tangents[0] + tangents[0].T)
     half = solve_triangular(factor, change)
@@ -104,7 +110,7 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
 
 @eigh.defjvp
 def _eigh_jvp(primals, tangents):
-    """Forward derivative of `eigh`: return eigenvalues w and vectors v, and their tangents.
+    """JVP rule of `eigh`: return eigenvalues w and vectors v, and their tangents.
 
     ``dw_i = v_i.dA v_i`` and ``dv_i = sum_j v_j (v_j.dA v_i) / (w_i - w_j)``, j not i.
     """
@@ -184,7 +190,10 @@ def _lstsq_by_svd(matrix, rhs, rcond):
 
 @_lstsq_by_svd.defjvp
 def _lstsq_by_svd_jvp(primals, tangents):
-    """Forward derivative of `_lstsq_by_svd`, constant rank (Golub and Pereyra 1973, eq. 4.12)."""
+    """JVP rule of `_lstsq_by_svd`: return x and its tangent for matrices of constant rank.
+
+    Source: Golub and Pereyra 1973, eq. 4.12.
+    """
     (matrix, rhs, rcond), (matrix_dot, rhs_dot, _) = primals, tangents
 
     def inverse(v):

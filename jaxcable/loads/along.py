@@ -38,19 +38,20 @@ class AlongElements(OnGroups, ForcesAlone):
     def _amounts_at_ends(self, number, group, state, nodes):
         """Return the amount (N, or m) that acts at each end of a group's elements, [n_elem, n_end].
 
-        None if the group has none. `number` is the index of the group, `nodes` are its initial
-        positions.
+        None if the group has none. `number` is the index of the group, `state` its state,
+        and `nodes` are initial positions of all nodes, m.
         """
 
     @abc.abstractmethod
     def _amounts_between_ends(self, number, group, state, nodes):
         """Return the amount (N, or m) that acts along each element of a group, [n_elem].
 
-        None if the group has none. It bends beams and lets catenaries hang.
+        None if the group has none. It bends beams and lets catenaries hang. Arguments as of
+        `_amounts_at_ends`.
         """
 
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N."""
+        """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total, forces = jnp.zeros(len(nodes), dtype), None
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
@@ -131,7 +132,7 @@ class SelfWeight(AlongElements):
     on: Key = None
     elements: Selection | None = None
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: 1 for loaded elements, else 0; set by the analysis
+        None  # by index of group: 1 for loaded elements, else 0; set by the analysis
     )
 
     scales = ("direction",)

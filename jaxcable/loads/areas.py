@@ -70,7 +70,7 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, "n_elem ..."]] | None = (
-        None  # by number of group: factors of the forces on each element; set by the analysis
+        None  # by index of group: factors of the forces on each element; set by the analysis
     )
 
     scales = ("factor",)
@@ -83,7 +83,7 @@ class AreaLoads(OnFaces, ForcesAlone, Measured):
         require_known_geometry(self.geometry, self.per)
 
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N."""
+        """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total = jnp.zeros((len(nodes), 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measuring_positions(nodes)[faces]):

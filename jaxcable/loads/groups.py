@@ -23,7 +23,7 @@ from .load import Acting, Bundles, OnEveryNode
 
 Key: TypeAlias = Any
 """Key of a group in the structure's elements: a dict's key or a list's index; None means all
-groups. In an analysis, a tuple of numbers of groups."""
+groups. In an analysis, a tuple of indices of groups."""
 
 _ALL = 1.0  # factor of all elements of a group
 
@@ -54,11 +54,11 @@ class OnGroups(Acting):
             )
 
     def _key_text(self):
-        """Return the key of the loaded group in words, " on guys"; none in an analysis."""
+        """Return a text such as " on guys" with the key of the loaded group; "" in an analysis."""
         return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
 
     def describe(self, units: Units = SI) -> str:
-        """Return the class and the loaded group as text."""
+        """Return a text for reports: the class of the load and the key of its group."""
         return f"{type(self).__name__}{self._key_text()}"
 
     def loaded_groups(
@@ -129,7 +129,12 @@ class OnGroups(Acting):
         )
 
     def on_bundles(self, bundles: Bundles) -> Self:
-        """Return the load with indices of bundles (groups evaluated as one), and joined factors."""
+        """Return the load on bundles (groups evaluated as one) in place of groups.
+
+        `on` becomes the indices of these bundles, and `element_factors` the factors of all
+        elements of each bundle in one array: those of its groups, 1 or 0 for groups that
+        have none.
+        """
         if bundles.are_groups:
             return self
         given = self.element_factors or {}

@@ -70,7 +70,7 @@ class IceLoads(AlongElements):
     direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0)
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: area of the ice, m2; set by the analysis
+        None  # by index of group: area of the ice, m2; set by the analysis
     )
 
     scales = ("direction",)
@@ -98,7 +98,7 @@ class IceLoads(AlongElements):
         The area of the ice, m2, becomes `element_factors`, zero where the load does not act.
         """
         load = super().with_group_numbers(structure)
-        return with_member_factors(load, structure, _PER_MEMBER, _ring_area)
+        return with_member_factors(load, structure, _PER_MEMBER, _ice_area)
 
     def _amounts_at_ends(self, number, group, state, nodes):
         """Return the volume of ice at every end of a group, [n_elem, n_end], m3; None if none."""
@@ -116,6 +116,6 @@ class IceLoads(AlongElements):
         return self.density * self.gravity * self.direction
 
 
-def _ring_area(load: Any) -> Any:
+def _ice_area(load: Any) -> Any:
     """Return the cross-sectional area of the ice around members, a scalar or [n_elem], m2."""
     return np.pi * load.thickness * (load.diameter + load.thickness)

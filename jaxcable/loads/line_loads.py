@@ -88,7 +88,7 @@ class LineLoads(AlongElements, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, "n_elem ..."]] | None = (
-        None  # by number of group: factor of each element, 0 for those that are not loaded,
+        None  # by index of group: factor of each element, 0 for those that are not loaded,
         # [n_elem]; with its force beside it, N/m, [n_elem, 4]; set by the analysis
     )
 
@@ -178,11 +178,14 @@ class LineLoads(AlongElements, Measured):
         return super().apply_factors(number, amounts, state)
 
     def _has_own_forces(self, number):
-        """Return whether each element of a group has a force of its own."""
+        """Return whether each element of the group with index `number` has a force of its own."""
         return self.element_factors is not None and jnp.ndim(self.element_factors[number]) == 2
 
     def _vectors_of_elements(self, number):
-        """Return the force per length of each element, [n_elem, 3], N/m; None if all have one."""
+        """Return the force per length of each element of a group, [n_elem, 3], N/m.
+
+        None if all elements have the same force. `number` is the index of the group.
+        """
         if not self._has_own_forces(number):
             return None
         return self.factor * self.element_factors[number][:, 1:]
@@ -198,9 +201,9 @@ class LineLoads(AlongElements, Measured):
         ends = self._end_positions(group, nodes)
         if self.per == "unstressed":
             share = group.split_among_ends(state.load_bearing_length, ends)
-        else:  # half of each piece to each of its ends
+        else:  # half of each chord to each of its ends
             n_inner = group.n_inner_row
-            half = 0.5 * self._piece_lengths(number, ends[:, : ends.shape[1] - n_inner])
+            half = 0.5 * self._chord_lengths(number, ends[:, : ends.shape[1] - n_inner])
             share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
             share = jnp.pad(share, ((0, 0), (0, n_inner)))
         return self.apply_factors(number, share, state)
@@ -214,18 +217,21 @@ class LineLoads(AlongElements, Measured):
             return state.load_bearing_length
         ends = self._end_positions(group, nodes)
         pieces = ends[:, : ends.shape[1] - group.n_inner_row]
-        return jnp.sum(self._piece_lengths(number, pieces), axis=-1)
+        return jnp.sum(self._chord_lengths(number, pieces), axis=-1)
 
     def _end_positions(self, group, nodes):
-        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m."""
+        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m.
+
+        `nodes` are initial positions; those at the beginning of the phase count if
+        `geometry` says so.
+        """
         return self.measuring_positions(nodes)[group.links]
 
-    def _piece_lengths(self, number, ends):
-        """Return distances of successive ends [n_elem, n_end, 3], as [n_elem, n_end - 1], m.
+    def _chord_lengths(self, number, ends):
+        """Return the lengths of chords between successive ends, [n_elem, n_end - 1], m.
 
-        `number` is the index of the group.
-
-        With ``per="projected"`` only their parts at right angles to the force count.
+        `ends` are positions, [n_elem, n_end, 3], m, `number` is the index of the group.
+        With ``per="projected"`` only the parts at right angles to the force count.
         """
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected" and self._has_own_forces(number):
@@ -237,4 +243,4 @@ class LineLoads(AlongElements, Measured):
             square = self.forces @ self.forces
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
-        return scaled.safe_norm(pieces)  # a piece along the force has no projected length
+        return scaled.safe_norm(pieces)  # a chord along the force has no projected length

@@ -70,7 +70,10 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return None
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> Self:
-        """Return a copy whose fields named in `scales` are multiplied by `factor`."""
+        """Return a copy with the fields named in `scales` multiplied by `factor`.
+
+        Raises ValueError if the class names none.
+        """
         if not self.scales:
             kind = type(self).__name__
             raise ValueError(
@@ -187,13 +190,18 @@ class Dead(Acting):
 
 
 class ForcesAlone(Dead):
-    """Base of dead loads on elements or faces that put forces, and no moments, on nodes."""
+    """Base of dead loads on elements or faces that put forces, and no moments, on nodes.
+
+    A subclass writes `_sum_forces`, the forces on all nodes.
+    """
 
     @abc.abstractmethod
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N, of a `dtype`.
+        """Return the forces of the load on all nodes, [n_row, 3], N, as an array of `dtype`.
 
-        `nodes` are their initial positions.
+        Args:
+            groups, states: all groups of elements, and the state of each.
+            nodes: initial positions of the nodes, [n_row, 3], m.
         """
 
     def element_forces(

@@ -162,7 +162,8 @@ def _trace_rings(plan, edges):
 def _require_planar(plan, edges, rings, nothing):
     """Raise ValueError if links cross, or a part of the net lies within a mesh of another part.
 
-    `rings` are those of `_trace_rings`, `nothing` is the area, m2, below which a ring is a line.
+    `plan` are nodes in plan, [n_node, 2], `edges` pairs of linked nodes, `rings` are those of
+    `_trace_rings`, `nothing` is the area, m2, below which a ring is a line.
     """
     ends = np.array(sorted(edges)).T
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
@@ -263,7 +264,7 @@ def _find_border_lines(plan, edges, outsides):
         for first, last in itertools.pairwise(stops):
             way = ring[first : last + 1]
             if (count[[way[0], way[-1]]] == 1).any() and not _is_single_cable(plan[way]):
-                lines |= _successive_pairs(_hull_of_way(plan, way))
+                lines |= _successive_pairs(_hull_of_path(plan, way))
     return lines - edges
 
 
@@ -292,11 +293,11 @@ def _is_single_cable(places):
     )
 
 
-def _hull_of_way(plan, way):
+def _hull_of_path(plan, way):
     """Return the nodes on the convex hull of a path, clockwise from its first to its last node.
 
-    If one of these is not on the hull, only these two are returned. `plan` has the positions of all
-    nodes, [n_node, 2].
+    If one of these is not on the hull, only these two are returned. `way` are the nodes of the
+    path in order, `plan` the positions of all nodes, [n_node, 2].
     """
     hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:

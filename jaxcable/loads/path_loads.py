@@ -20,12 +20,12 @@ _GAUSS = np.polynomial.legendre.leggauss(4)
 """Places and weights of the forces that stand for a load on a part of an element."""
 
 
-class Path(NamedTuple):
+class BeamPath(NamedTuple):
     """A path along beams of one group.
 
     Attributes:
         group: index of the group.
-        elements: numbers of its elements, in order, [n].
+        elements: indices of its elements, in order, [n].
         backwards: whether each element is passed from its second end to its first, [n].
         stations: distances of the ends of its elements from its beginning, [n + 1], m: lengths of
             chords of the structure as drawn.
@@ -62,13 +62,14 @@ class Path(NamedTuple):
         return pack.where(inside & back, 1 - place, place), inside
 
 
-def path_of(
+def path_along_elements(
     structure: Structure, path: Int[ArrayLike, " n"], group: int, name: str = "path"
-) -> Path:
-    """Return the `Path` along elements `path` of the group with an index.
+) -> BeamPath:
+    """Return the `BeamPath` along elements with indices `path`, [n], of the group of index `group`.
 
     Raises:
-        ValueError: an unknown or repeated element, or elements that do not meet end to end.
+        ValueError: an unknown or repeated element, or elements that do not meet end to end; the
+            message begins with `name`.
     """
     elements = np.asarray(path)
     own, where = structure.groups[group], path_of_group(structure, group)
@@ -94,7 +95,7 @@ def path_of(
     chord = nodes[ends[:, 1]] - nodes[ends[:, 0]]
     lengths = pack.sqrt((chord * chord).sum(axis=1))
     stations = pack.concatenate([pack.zeros(1, lengths.dtype), pack.cumsum(lengths)])
-    return Path(group, elements, backwards, stations)
+    return BeamPath(group, elements, backwards, stations)
 
 
 ROUNDING = 64
@@ -105,13 +106,13 @@ class OnPath(WithinElements):
     """Base of loads on a path of beams.
 
     Attributes:
-        path: numbers of its elements, in order.
+        path: indices of its elements, in order.
     """
 
     path: Int[ArrayLike, " n"]
 
     def _set_path(self):
-        """Check the field `path` and make it `Indices`."""
+        """Convert the field `path` to `Indices`; ValueError for no or repeated elements."""
         if isinstance(self.path, Indices):
             return
         path = checks.as_indices(self.path, "path", things="element")
@@ -122,12 +123,12 @@ class OnPath(WithinElements):
         set_fields(self, path=Indices(path))
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure lacks the group or the path."""
-        self._path(structure)
+        """Raise ValueError if a structure lacks the group, or its elements form no such path."""
+        self._path_in(structure)
 
-    def _path(self, structure):
-        """Return the `Path` in a structure."""
-        return path_of(structure, self.path.array, self.group_index(structure))
+    def _path_in(self, structure):
+        """Return the `BeamPath` of the load in a structure; ValueError if there is none."""
+        return path_along_elements(structure, self.path.array, self.group_index(structure))
 
 
 @pytree(static=("on",), indices=("path",))
@@ -140,7 +141,7 @@ class Train(OnPath):
     forces and spacings in the opposite order.
 
     Args:
-        path: numbers of the elements of one group of beams, in the order in which they are passed,
+        path: indices of the elements of one group of beams, in the order in which they are passed,
             end to end, [n]; they may point either way.
         position: distance of the first axle from the beginning of the path, m, along the chords of
             the structure as drawn.
@@ -195,8 +196,8 @@ class Train(OnPath):
         return [not_negative("spacings", self.spacings)]
 
     def with_group_numbers(self, structure: Structure) -> ActingPoints:
-        """Return the load in the form of an analysis."""
-        path = self._path(structure)
+        """Return the axles in the form of an analysis: `ActingPoints`, zero off the path."""
+        path = self._path_in(structure)
         position, forces, spacings = map(
             checks.as_numpy_if_known, (self.position, self.forces, self.spacings)
         )
@@ -210,7 +211,7 @@ class Train(OnPath):
         acting = pack.where(inside[..., None], pack.reshape(forces, (1, -1, 3)), 0.0)
         acting = acting + 0.0 * (position + spacings.sum())  # NaN is nowhere on the path
         table = pack.concatenate([place[..., None], acting], axis=-1)
-        return _on_elements(structure, path, table, "Train")
+        return _acting_points(structure, path, table, "Train")
 
 
 @pytree(static=("on",), indices=("path",))
@@ -223,7 +224,7 @@ class Crowd(OnPath):
     linear theory, and section forces between its ends are those of the four forces.
 
     Args:
-        path: numbers of the elements of one group of beams, in order, as of `Train`.
+        path: indices of the elements of one group of beams, in order, as of `Train`.
         forces: force per length along the path, [3], N/m.
         begin, end: distances of both ends of each part from the beginning of the path, [n_part] or
             scalar, m. A part that ends before it begins has no load.
@@ -266,8 +267,11 @@ class Crowd(OnPath):
         return f"Crowd on {parts} of {len(self.path)} elements"
 
     def with_group_numbers(self, structure: Structure) -> ActingPoints:
-        """Return the load in the form of an analysis."""
-        path = self._path(structure)
+        """Return the load in the form of an analysis: `ActingPoints`, four forces for each part.
+
+        Elements that are loaded all along have a line load, as the last one in the table.
+        """
+        path = self._path_in(structure)
         forces, begin, end = map(checks.as_numpy_if_known, (self.forces, self.begin, self.end))
         pack = checks.numpy_or_jax(forces, begin, end, path.stations)
         start, stop = path.stations[:-1, None], path.stations[1:, None]
@@ -291,11 +295,17 @@ class Crowd(OnPath):
         total = pack.where(whole, loaded, 0.0).sum(axis=1)[:, None] * forces[None]
         line = pack.concatenate([pack.full((n, 1), 0.5), total], axis=-1)
         table = pack.concatenate([points, line[:, None]], axis=1)
-        return _on_elements(structure, path, table, "Crowd", has_line=True)
+        return _acting_points(structure, path, table, "Crowd", has_line=True)
 
 
-def _on_elements(structure, path, table, name, has_line=False):
-    """Return `ActingPoints` with a `table` of the elements of a path, [n, k, 4]."""
+def _acting_points(structure, path, table, name, has_line=False):
+    """Return the `ActingPoints` of loads on elements of a `BeamPath`, zero on others of its group.
+
+    Args:
+        table: loads of each element of the path, [n, k, 4]: place from 0 to 1, force, N.
+        name: name of the class of the user's load.
+        has_line: whether the last load of each element is one along the whole element.
+    """
     n_elem = len(structure.groups[path.group].links)
     whole = scatter_to_elements(n_elem, path.elements, table)
     return ActingPoints((path.group,), {path.group: whole}, has_line=has_line, name=name)

@@ -142,7 +142,7 @@ class PointLoads(WithinElements):
     Straight cables, bars and catenaries carry forces at their nodes only: give them a node.
 
     Args:
-        elements: numbers of the loaded elements in their group, [n]; an element may occur more than
+        elements: indices of the loaded elements in their group, [n]; an element may occur more than
             once.
         places: along each element over its unstressed length, without unit, from 0 to 1: [n], or
             one for all.
@@ -222,13 +222,13 @@ class PointLoads(WithinElements):
             )
 
     def with_group_numbers(self, structure: Structure) -> ActingPoints:
-        """Return the load in the form of an analysis."""
+        """Return the loads in the form of an analysis: `ActingPoints`, a table by element."""
         number = self.group_index(structure)
         n_elem = len(structure.groups[number].links)
         count = len(self.elements)
         given = zip((self.places, self.forces, self.moments), (1, 3, 3), strict=True)
-        values = join_columns([_rows(x, count, width) for x, width in given if x is not None])
-        rows = _rows_of_elements(self.elements.array, n_elem)
+        values = join_columns([_load_rows(x, count, width) for x, width in given if x is not None])
+        rows = _loads_of_elements(self.elements.array, n_elem)
         zero = np.zeros((1, values.shape[1]), values.dtype)
         table = checks.numpy_or_jax(values).concatenate([values, zero])[rows]
         return ActingPoints((number,), {number: table}, self.has_moments)
@@ -244,22 +244,23 @@ class PointLoads(WithinElements):
 
 
 def _place_rule(places):
-    """Return the `Rule` that places along elements are from 0 to 1."""
+    """Return the `Rule` that all `places` along elements are from 0 to 1."""
     text = "must be from 0 to 1, along the element"
     return Rule("places", places, lambda v: (v < 0) | (v > 1), text)
 
 
-def _rows(values, count, width):
-    """Return one row of `width` numbers for each load, from one for all or one for each."""
+def _load_rows(values, count, width):
+    """Return numbers of loads, [count, width], from one row for all, [width], or one for each."""
     pack = checks.numpy_or_jax(values)
     each = pack.reshape(values, (-1, width))
     return pack.broadcast_to(each, (count, width))
 
 
-def _rows_of_elements(elements, n_elem):
-    """Return, for each of `n_elem` elements, the indices of its loads, [n_elem, k].
+def _loads_of_elements(elements, n_elem):
+    """Return the indices of the loads on each of `n_elem` elements, [n_elem, k].
 
-    `elements` has the element of each load, [n]; n stands for none.
+    Rows are filled up by n, for no load; `elements` has the index of the element of each of the
+    n loads, and k is the largest number of loads on one element.
     """
     count = np.bincount(elements, minlength=n_elem)
     rows = np.full((n_elem, max(int(count.max(initial=0)), 1)), len(elements))

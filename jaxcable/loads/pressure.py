@@ -30,30 +30,37 @@ PRESSURE_REFERENCES = ("current", "unstressed")
 
 
 class Pressure(Following):
-    """Base of follower loads on pieces (elements or faces), which add up the force on each."""
+    """Base of follower pressure on elements or faces, here called patches."""
 
     scales = ("pressure",)
 
     @abc.abstractmethod
-    def _pressed_pieces(self, groups, states, moved):
-        """Iterate over the loaded groups, or the given faces, as arrays of pieces.
+    def _loaded_patches(self, groups, states, moved):
+        """Iterate over loaded groups, or the given faces, as arrays of n patches with k corners.
+
+        `states` are those of all groups, `moved` current positions of all nodes, [n_row,
+        3], m.
 
         Yields:
-            Current positions of corners, [n, k, 3], m; numbers of each piece that `_force_on_piece`
+            Current positions of corners, [n, k, 3], m; numbers of each patch that `_force_on_patch`
             needs, such as its pressure; node numbers of corners, [n, k].
         """
 
     @abc.abstractmethod
-    def _force_on_piece(self, corners, numbers):
-        """Return the force at the corners [k, 3] of one piece with its `numbers`, [k, 3], N."""
+    def _force_on_patch(self, corners, numbers):
+        """Return the forces on the corners of one patch, [k, 3], N.
+
+        `corners` are their current positions, [k, 3], m, `numbers` those of
+        `_loaded_patches`.
+        """
 
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
         """Return the force on every node, [n_row, 3], N, with nodes at `moved` [n_row, 3], m."""
         total = jnp.zeros_like(moved)
-        for corners, numbers, links in self._pressed_pieces(groups, states, moved):
-            total = total.at[links].add(jax.vmap(self._force_on_piece)(corners, numbers))
+        for corners, numbers, links in self._loaded_patches(groups, states, moved):
+            total = total.at[links].add(jax.vmap(self._force_on_patch)(corners, numbers))
         return total
 
     def following_blocks(
@@ -61,11 +68,11 @@ class Pressure(Following):
     ) -> Blocks:
         """Return derivatives of the forces by current positions `moved`, [n_row, 3].
 
-        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n pieces with k corners.
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n patches with k corners.
         """
         return [
-            (jax.vmap(jax.jacfwd(self._force_on_piece))(corners, numbers), links)
-            for corners, numbers, links in self._pressed_pieces(groups, states, moved)
+            (jax.vmap(jax.jacfwd(self._force_on_patch))(corners, numbers), links)
+            for corners, numbers, links in self._loaded_patches(groups, states, moved)
         ]
 
 
@@ -113,7 +120,7 @@ class CablePressure(OnGroups, Pressure):
     on: Key = None
     per: Literal["current", "unstressed"] = "current"
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: factor of the pressure on each element; set by the analysis
+        None  # by index of group: factor of the pressure on each element; set by the analysis
     )
 
     varies = ("pressure", ())
@@ -165,8 +172,8 @@ class CablePressure(OnGroups, Pressure):
         pressure = self.apply_factors(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
-    def _pressed_pieces(self, groups, states, moved):
-        """Iterate over groups: ends [n, 2, 3], (pressure, unstressed length), nodes [n, 2]."""
+    def _loaded_patches(self, groups, states, moved):
+        """Iterate over groups: ends [n, 2, 3], (pressure, unstressed length) [n], nodes [n, 2]."""
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
@@ -174,8 +181,12 @@ class CablePressure(OnGroups, Pressure):
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
-    def _force_on_piece(self, corners, numbers):
-        """Return the force of a pressure at the two ends of one chord, [2, 3], N."""
+    def _force_on_patch(self, corners, numbers):
+        """Return the forces of a pressure at both ends of one chord, [2, 3], N.
+
+        `corners` are its ends, [2, 3], m, `numbers` pressure, N/m, and unstressed length,
+        m.
+        """
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
         axis = axis / _norm_or_one(axis)
@@ -226,7 +237,7 @@ class FacePressure(OnFaces, Pressure):
     on: Key = None
     elements: Selection | None = None
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: factor of the pressure on each element; set by the analysis
+        None  # by index of group: factor of the pressure on each element; set by the analysis
     )
 
     varies = ("pressure", ())
@@ -234,13 +245,16 @@ class FacePressure(OnFaces, Pressure):
     def __post_init__(self):
         self._check_faces()
 
-    def _pressed_pieces(self, groups, states, moved):
-        """Iterate over faces: current corners [n, k, 3], pressure [n], nodes [n, k]."""
+    def _loaded_patches(self, groups, states, moved):
+        """Iterate over faces: current corners [n, k, 3], m, pressure [n], N/m2, nodes [n, k]."""
         for faces, pressure in self._faces_and_values(groups, states, moved.dtype):
             yield moved[faces], pressure, faces
 
-    def _force_on_piece(self, corners, numbers):
-        """Return the force of a pressure at the corners of one face, [k, 3], N."""
+    def _force_on_patch(self, corners, numbers):
+        """Return the forces of a pressure at the corners of one face, [k, 3], N.
+
+        `corners` are their positions, [k, 3], m, `numbers` is the pressure, N/m2.
+        """
         force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)

@@ -147,7 +147,7 @@ class Varying(Load):
         return Amplitude(self.parameters, self.factors)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the load does not fit a structure."""
+        """Raise ValueError if the load that varies does not fit a structure."""
         self.load.check(structure)
 
     def describe(self, units: Units = SI) -> str:
@@ -202,16 +202,16 @@ def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
 
 
 def _describe_first_parameter(index, values):
-    """Return the error message for `parameters` that do not begin at 0 (index, array)."""
+    """Return the error message for `parameters`, here `values`, that do not begin at 0."""
     return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
 
 
 def _describe_last_parameter(index, values):
-    """Return the error message for `parameters` that do not end at 1 (index, array)."""
+    """Return the error message for `parameters`, here `values`, that do not end at 1."""
     return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
 
 
 def _describe_not_increasing(index, values):
-    """Return the error message for `parameters` that do not increase (index, array)."""
+    """Return the error message for `parameters`, here `values`, that do not increase at `index`."""
     k = index[0] + 1
     return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

@@ -112,7 +112,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: drag times width times factor, m; set by the analysis
+        None  # by index of group: drag times width times factor, m; set by the analysis
     )
 
     scales = ("factor",)
@@ -157,7 +157,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         return copy_with(load, factor=np.ones(())) if jnp.ndim(self.factor) else load
 
     def _sum_forces(self, groups, states, nodes, dtype):
-        """Return the forces on all nodes, [n_row, 3], N."""
+        """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total = jnp.zeros((len(nodes), 3), dtype)
         for number in self.on:
             group = groups[number]
@@ -210,7 +210,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
 
 
 def _drag_times_width(load: Any) -> Any:
-    """Return drag coefficient times width, and times the factor where elements have their own."""
+    """Return drag coefficient times iced width, m, times the factor if it differs by element."""
     width = load.diameter if load.ice is None else load.diameter + 2.0 * load.ice
     found = load.drag * width
     return found * load.factor if np.ndim(load.factor) else found

@@ -122,11 +122,15 @@ class WindTable(WindProfile):
     def pressure_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the velocity pressure, N/m2, at heights above ground, m, in their shape."""
         if self.velocities is None:
-            return self._value_at(self.pressures, jnp.asarray(height))
-        return 0.5 * self.density * self._value_at(self.velocities, jnp.asarray(height)) ** 2
+            return self._interpolate(self.pressures, jnp.asarray(height))
+        return 0.5 * self.density * self._interpolate(self.velocities, jnp.asarray(height)) ** 2
 
-    def _value_at(self, values, height):
-        """Interpolate the values of the table, [n] or a scalar, at heights."""
+    def _interpolate(self, values, height):
+        """Interpolate `values` of the table, [n_height] or a scalar, linearly at heights, m.
+
+        Above the last and below the first height they are constant; the result has the
+        shape of `height`.
+        """
         if self.heights is None:
             return jnp.broadcast_to(values, height.shape)
         rise = self.heights[1:] - self.heights[:-1]
@@ -140,7 +144,7 @@ class WindTable(WindProfile):
         return values[0] + jnp.sum(step * passed, axis=-1)
 
     def describe(self, units: Units = SI) -> str:
-        """Return the number of heights as text."""
+        """Return a text for reports: the number of heights of the table."""
         return f"wind table of {1 if self.heights is None else len(self.heights)} heights"
 
 
@@ -324,11 +328,11 @@ def _convert_to_scalars(profile):
 
 
 def _does_not_increase(heights):
-    """Return where heights [n] are not above the one before, [n - 1] bool."""
+    """Return where a height is not above the one before, [n - 1] bool, for heights [n]."""
     return heights[1:] <= heights[:-1]
 
 
 def _describe_not_increasing(index, heights):
-    """Return the error message for heights that do not increase (index, array)."""
+    """Return the error message for heights that do not increase at `index`, a tuple."""
     k = index[0] + 1
     return f"heights[{k}] = {heights[k]}: must be above heights[{k - 1}] = {heights[k - 1]}"

@@ -49,7 +49,11 @@ class Law(abc.ABC):
 
     @abc.abstractmethod
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the energy per volume, J/m3: the integral of the stress, without `stress_at`."""
+        """Return the strain energy per unstressed volume, J/m3.
+
+        Its derivative by the strain, at constant history variables `memory`, is the stress; without
+        history variables it is zero at zero strain. A law states it as a formula of its own.
+        """
 
     @abc.abstractmethod
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:

@@ -122,7 +122,11 @@ class Parallel(Law):
     # --- the laws at their own strain: that of the whole less that of the spring
 
     def _sum_over_laws(self, name, strain, memory):
-        """Return the sum over laws of share times a method, by name, at their common strain."""
+        """Return the sum, over all laws, of share of the area times the result of a method.
+
+        `name` is that of the method, such as "stress_at"; `strain` the common strain of the laws,
+        without that of the spring; `memory` has the history variables of all laws, or is None.
+        """
         return sum(
             share * getattr(law, name)(strain, remembered)
             for share, law, remembered in self.laws_with_memory(memory)

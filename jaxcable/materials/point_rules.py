@@ -50,9 +50,9 @@ def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
 def insert_origin(
     e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return strains `e` and stresses `s` of points, with the origin added if it is missing.
+    """Insert the origin (0, 0) between points of increasing strains `e` and of stresses `s`, Pa.
 
-    Points with NaN, as in traced input, are returned as they are.
+    Points that have zero strain among them, or NaN as in traced input, are returned as they are.
     """
     if np.isnan(e).any() or (e == 0).any():
         return e, s
@@ -74,7 +74,10 @@ def _segment_slopes(e, s):
 
 
 def _stress_at_origin(e, s):
-    """Return the stress of the curve at zero strain, Pa."""
+    """Return the stress, Pa, at zero strain on the polygon of strains e and stresses s.
+
+    It is 0 if the strains do not contain zero.
+    """
     segment = (e[:-1] <= 0) & (e[1:] > 0)
     return (segment * (s[:-1] - e[:-1] * _segment_slopes(e, s))).sum()
 
@@ -87,7 +90,10 @@ def _misses_origin(e, s):
 
 
 def _missed_origin_message(_, e, s):
-    """Return the message that the curve misses the origin, and by how much."""
+    """Return the message that the curve misses the origin, with its stress there.
+
+    The first argument, an index, is not used; `e` and `s` are strains and stresses, Pa.
+    """
     if (e == 0).any():
         k = int((e == 0).argmax())
         return f"stress[{k}] = {s[k]}: at zero strain the stress must be zero"
@@ -119,17 +125,23 @@ def _strain_order_message(index, e):
 
 
 def _origin_outside_message(_, e):
-    """Return the message that the range of strains must contain zero."""
+    """Return the message that the strains `e` must go from zero or below to above zero."""
     return f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin"
 
 
 def _stress_sign_message(index, e, s):
-    """Return the message that a stress has another sign than its strain."""
+    """Return the message that a stress has another sign than its strain.
+
+    `index` is that of the point, a tuple of one; `e` and `s` are strains and stresses, Pa.
+    """
     return f"stress[{index[0]}] = {s[index]}: of the other sign than its strain, {e[index]}"
 
 
 def _convex_corners(e, s):
-    """Return at which inner points slopes rise away from the origin, [n - 2] bool."""
+    """Return at which inner points the slope rises away from the origin, [n - 2] bool.
+
+    At the origin itself it is False. `e` and `s` are strains and stresses, Pa, of the points, [n].
+    """
     slopes, corners = _segment_slopes(e, s), e[1:-1]
     drops = (slopes[1:] - slopes[:-1]) * (1 - 2 * (corners > 0))
     return (drops < -_relative_tolerance(s.dtype) * slopes.max()) & (corners != 0)

@@ -121,44 +121,44 @@ class Polygonal(Law):
     # --- the numbers of the curve
 
     @property
-    def _points(self):
-        """Module to compute with, NumPy where the points are known; stresses and strains, [n]."""
+    def _module_and_points(self):
+        """NumPy if the points are known, else `jax.numpy`; their stresses, Pa, and strains, [n]."""
         xp = checks.numpy_or_jax(self.stress, self.strain)
         return xp, xp.asarray(self.stress), xp.asarray(self.strain)
 
     @property
     def _segment_slopes(self):
         """Slopes of the segments between points, Pa, [n - 1]."""
-        xp, stress, strain = self._points
+        xp, stress, strain = self._module_and_points
         return xp.diff(stress) / xp.diff(strain)
 
     @property
     def _has_compression(self):
         """Whether the curve has a compression branch, scalar bool."""
-        return np.bool_(False) if self.one_sided else self._points[2][0] < 0
+        return np.bool_(False) if self.one_sided else self._module_and_points[2][0] < 0
 
     @property
     def modulus(self) -> Float[Array, ""]:
         """Slope of the curve at the origin, on the tension side, Pa."""
-        xp, _, strain = self._points
+        xp, _, strain = self._module_and_points
         return self._segment_slopes[xp.sum(strain[1:-1] <= 0)]
 
     @property
     def capacity(self) -> Pair:
         """Smallest and largest stress of the curve, Pa."""
-        xp, stress, _ = self._points
+        xp, stress, _ = self._module_and_points
         return xp.where(self._has_compression, xp.min(stress), 0.0), xp.max(stress)
 
     @property
     def strain_limits(self) -> Pair:
         """Smallest and largest strain of the curve; -inf where compression makes it slack."""
-        xp, _, strain = self._points
+        xp, _, strain = self._module_and_points
         return xp.where(self._has_compression, strain[0], -xp.inf), strain[-1]
 
     # --- the law
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the stress, Pa; beyond the ends of the curve zero, unless it is `endless`."""
+        """Return the stress, Pa: zero beyond the ends of the curve, unless the law is `endless`."""
         strain = jnp.asarray(strain)
         inside, over = self._split_at_ends(strain)
         stress = self._stress_on_curve(inside, memory)
@@ -178,7 +178,10 @@ class Polygonal(Law):
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the energy per volume, J/m3: under the curve; with `memory` that of all parts."""
+        """Return the strain energy per unstressed volume, J/m3.
+
+        It is the area under the curve; with `memory`, the energy stored in the parallel parts.
+        """
         strain = jnp.asarray(strain)
         inside, over = self._split_at_ends(strain)
         if memory is None:
@@ -199,7 +202,10 @@ class Polygonal(Law):
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the strain at `stress`, Pa, on the rising branch; NaN beyond unless `endless`."""
+        """Return the strain at `stress`, Pa, on the rising branch from zero; NaN above its peak.
+
+        A law that is `endless` and does not soften has a strain at any stress.
+        """
         strain = invert_curve(self, stress, memory)
         if not (self.endless and self.monotone):
             return strain
@@ -274,13 +280,20 @@ class Polygonal(Law):
     # --- its parts
 
     def _split_at_ends(self, strain):
-        """Return strains limited to the ends of the curve, and the excess beyond these ends."""
+        """Split strains into the part within the ends of the curve, and the excess beyond them.
+
+        Both have the shape of `strain`, and add up to it; the excess is negative beyond the lower
+        end.
+        """
         low, high = self.strain_limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.is_ruptured(strain), strain - inside, 0.0)
 
     def _stress_on_curve(self, strain, memory):
-        """Return the stress, Pa, without a check for rupture; with `memory` that of all parts."""
+        """Return the stress, Pa, without a check for rupture, at strains within the curve.
+
+        With `memory`, the plastic strains, it is the sum of the stresses of the parallel parts.
+        """
         if memory is not None:
             stiffness, end, _, kept = self._part_strains_after_yielding(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)

@@ -144,7 +144,10 @@ def _require_positive(**numbers):
 
 
 def _warn_of_weak_material(name, strength, E):
-    """Warn of a strength that is far too small for its modulus, unless one of them is traced."""
+    """Warn of a `strength` below `LEAST_STRAIN` times E, both Pa, unless one of them is traced.
+
+    `name` is the argument that the warning names.
+    """
     known = checks.array_if_known(strength), checks.array_if_known(E)
     if all(value is not None for value in known) and np.any(known[0] < LEAST_STRAIN * known[1]):
         low, modulus = (float(np.min(value)) for value in known)

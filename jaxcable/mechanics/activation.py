@@ -91,9 +91,9 @@ def apply_activation(
     # only that come.
     together = system(motion, either, now)
     forces = together.results_by_name(motion, "end_forces")["end_forces"]
-    forces_before = [_where(earlier, force) for earlier, force in zip(was, forces, strict=True)]
+    forces_before = [_mask(earlier, force) for earlier, force in zip(was, forces, strict=True)]
     changes = [
-        together.space.pad_moments(_where(there, force) - before_it)
+        together.space.pad_moments(_mask(there, force) - before_it)
         for there, force, before_it in zip(present, forces, forces_before, strict=True)
     ]
     load = system(motion, states, now).external_force(motion)
@@ -102,17 +102,21 @@ def apply_activation(
     return ActivatedElements(motion, states, forces_before, unbalanced)
 
 
-def _where(there, force):
-    """Return end forces, [n_elem, n_end, n], of the elements that are there, else zero."""
+def _mask(there, force):
+    """Return end forces `force`, [n_elem, n_end, n], or zero where `there`, [n_elem], is false."""
     return jnp.where(there[:, None, None], force, 0.0)
 
 
 def _attach_nodes(nodes, groups, motion, new, before, now):
     """Return the motion in which newly activated nodes have moved rigidly with active ones.
 
-    Each goes with the active node to which activated elements join it, directly or from node to
-    node; of several such elements the one with the lowest index counts. `new` has the activated
-    elements of each group; `before` and `now` are the `DofMap` of both phases.
+    Each goes with the active node to which a chain of activated elements joins it
+    (`_connected_active_rows`), but not along directions that supports hold.
+
+    Args:
+        nodes, groups, before, now: as for `apply_activation`.
+        motion: motion of all rows at the end of the phase before.
+        new: which elements are activated, per group [n_elem] bool.
     """
     owner = _displacement_rows(len(nodes), now)
     # held before, because nothing touched them, and now not by a support
@@ -127,7 +131,10 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
 
 
 def _displacement_rows(n_row, dof_map):
-    """Return the row of motion with the displacement of each row: a hinged end has its node's."""
+    """Return the index of the row whose displacement each row has, [n_row].
+
+    It is the row itself for nodes; a hinged end of a beam has the displacement of its node.
+    """
     rows = jnp.arange(n_row)
     return rows if dof_map.node_of_row is None else jnp.asarray(dof_map.node_of_row, rows.dtype)
 
@@ -145,7 +152,8 @@ def _connected_active_rows(groups, new, owner, waiting):
         waiting: which rows have been inactive and become active, [n_row] bool.
 
     Returns:
-        Row numbers, [n_row]; those of `owner` for active rows, and where no chain leads to one.
+        Indices of the active rows, [n_row]; those of `owner` for rows that are active themselves,
+        and where no chain leads to an active one.
     """
     pairs, comes = [], []
     for group, coming in zip(groups, new, strict=True):
@@ -176,7 +184,10 @@ def _connected_active_rows(groups, new, owner, waiting):
 
 
 def _move_where_free(moved, still, dof_map):
-    """Return displacements `moved` along free directions, `still` along held ones, [n_row, 3]."""
+    """Return displacements `moved` along free directions, `still` along fixed ones, [n_row, 3], m.
+
+    `dof_map` says which directions supports fix, and along which axes.
+    """
     fixed = dof_map.fixed[:, :3]
     if dof_map.axes is None:
         return jnp.where(fixed, still, moved)

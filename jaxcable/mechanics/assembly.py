@@ -63,7 +63,7 @@ class System(Elementwise):
         return self.space.impose_supports(x)
 
     def with_support_rotations(self, x: Motion) -> Motion:
-        """Return the constant `x` with its derivative by prescribed rotations of supports."""
+        """Return `x` with its derivative by the rotations that nodes had when supports were set."""
         return self.space.with_support_rotations(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
@@ -77,7 +77,7 @@ class System(Elementwise):
     def local_residual(
         self, x: Motion
     ) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
-        """Return (residual of a step from `x`, zero step, motion after a step) to linearize."""
+        """Return (residual as a function of a step from `x`, a zero step, motion by a step)."""
         x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
@@ -115,7 +115,7 @@ class System(Elementwise):
     ) -> tuple[Forces, Float[Array, " n_row"]]:
         """Assemble end forces at nodes (rows), [n_row, n_freedom], and their norms, [n_row], N.
 
-        They are evaluated at `x` unless given.
+        `end_forces`, an array per group, are evaluated at `x` unless given.
         """
         if end_forces is None:
             end_forces = self.results_by_name(x, "end_forces")["end_forces"]
@@ -154,7 +154,7 @@ class System(Elementwise):
         sizes = evaluate_elements("absolute_force", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
-    def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
+    def external_force(self, x: Motion, row_step: Forces | None = None) -> Forces:
         """Return dead and following loads on all nodes (rows), [n_row, n_freedom], N and N m.
 
         A system with further forces, such as inertia, adds them here, and their tangent to
@@ -162,16 +162,16 @@ class System(Elementwise):
 
         Args:
             x: motion of all nodes (rows).
-            spread: step of all rows from `x`; the loads are those after it, conjugate to it.
+            row_step: step of all rows from `x`; the loads are those after it, work-conjugate to it.
         """
-        load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)
+        load = self.load if row_step is None else self.space.conjugate_loads(self.load, row_step)
         if self.followers is None:
             return load
         moved = self.nodes + x[:, :3]
-        moved = moved if spread is None else moved + spread[:, :3]
-        return load + self.space.pad_moments(self.following(moved))
+        moved = moved if row_step is None else moved + row_step[:, :3]
+        return load + self.space.pad_moments(self.follower_forces(moved))
 
-    def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
+    def follower_forces(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Return follower loads on nodes, [n_row, 3], N, with nodes at `moved`, [n_row, 3], m."""
         arguments = self.groups, self.states, self.nodes, moved
         forces: list[Any] = [follower.following_forces(*arguments) for follower in self.followers]
@@ -204,7 +204,7 @@ class System(Elementwise):
         return any(isinstance(group, Rounding) for group in self.groups)
 
     def rounding_error(self, x: Motion) -> Step:
-        """Return the error of the residual by rounding of displacements at `x`, [n_free], N."""
+        """Estimate the absolute error of the residual from rounding of `x`, [n_free], N."""
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
@@ -264,7 +264,7 @@ class System(Elementwise):
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Return element matrices, [n_elem, d, d] per group, in terms of unknowns, as parts."""
+        """Transform element matrices, [n_elem, d, d] per group, to `MatrixPart`s by unknowns."""
         return [
             self.space.transform_to_unknowns(
                 blocks, group.links, group.n_freedom, group.inner_unknowns, x

@@ -87,7 +87,7 @@ class Bundles(NamedTuple):
         return found
 
     def containing(self, on: Collection[int]) -> tuple[int, ...]:
-        """Return indices of the bundles that contain any group with an index in `on`, ascending."""
+        """Return the indices of bundles with any of the groups `on`, given by index; ascending."""
         return tuple(b for b, numbers in enumerate(self.group_indices) if set(numbers) & set(on))
 
     def join_values(
@@ -174,7 +174,10 @@ def _join_links(links):
 
 
 def _join_values(values, sizes):
-    """Join a field of several groups: one common value, or `PerElement` with one for each."""
+    """Join a field, such as a law, of several groups: one common value, or `PerElement` values.
+
+    `values` has the field of each group, `sizes` the number of its elements.
+    """
     if isinstance(values[0], Section):
         values = padding.pad_to_equal(values)
     leaves = [jax.tree.leaves(value) for value in values]
@@ -193,7 +196,7 @@ def _repeat_for_elements(x, count):
 
 
 def _slice(x, start, count, axis):
-    """Return `count` entries of an array from `start` along an axis; all of them as they are."""
+    """Return `count` entries of an array along an axis, from index `start`; `x` if they are all."""
     if x.shape[axis] == count:
         return x
     return x[(*(slice(None),) * axis, slice(start, start + count))]

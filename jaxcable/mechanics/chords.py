@@ -1,7 +1,7 @@
 """Axial forces of elements with two ends, or a chain of them, along the chords between these.
 
 They follow from end forces and tangents, so that they exist for bars, cables and elements of users
-without a formula of their own. A chain of straight pieces (`Element.is_chain`) has a chord for each
+without a formula of their own. A chain of straight segments (`Element.is_chain`) has a chord for each
 piece: its force is the sum of the forces at all later ends.
 """
 
@@ -23,7 +23,7 @@ from .assembly import EndForces, System
 class Chords:
     """Chords (lines from end to end) of elements at one point of the iteration.
 
-    They are those of all elements for which `has_chord` is true, of chains one for each piece.
+    They are those of all elements for which `has_chord` is true, of chains one for each segment.
 
     Arrays of all groups are joined, [n].
 
@@ -41,17 +41,17 @@ class Chords:
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
         """Compute the chords of a system at motion `x` from its end forces, per group."""
-        vector = relative_to_first_end(system, system.nodes + x[:, :3])
+        vector = second_minus_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         if any(group.is_chain for group in system.groups):  # whose fillers have no length
             length = jnp.where(length > 0, length, jnp.inf)
         along = vector / length[:, None]
         pairs = zip(system.groups, end_forces, strict=True)
-        pulls = [_pulls_of_pieces(forces[..., :3]) for group, forces in pairs if has_chord(group)]
+        pulls = [_pulls_of_segments(forces[..., :3]) for group, forces in pairs if has_chord(group)]
         pull = jnp.concatenate(pulls)
         return cls(jnp.sum(pull * along, axis=1), along, length)
 
-    def elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
+    def linearized_elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
         """Return the linearized elongations, [n], m.
 
         `relative_motion` [n, 3], m, is the displacement of second ends less that of first ends.
@@ -75,7 +75,7 @@ class Chords:
 
         `tangents` are the matrices of the elements, [n_elem, d, d], N/m, per group.
         """
-        longer = self.elongation(relative_to_first_end(system, row_step))
+        longer = self.linearized_elongation(second_minus_first_end(system, row_step))
         changes, start = [], 0
         for group, matrix in zip(system.groups, tangents, strict=True):
             if not has_chord(group):
@@ -86,21 +86,25 @@ class Chords:
             if group.is_chain:
                 step = row_step[group.links][..., :3]
                 forces = jnp.einsum("eij,ej->ei", matrix, step.reshape(len(step), -1))
-                change = jnp.sum(along * _pulls_of_pieces(forces.reshape(step.shape)), axis=1)
+                change = jnp.sum(along * _pulls_of_segments(forces.reshape(step.shape)), axis=1)
             else:
                 change = jnp.einsum("ni,nij,nj->n", along, matrix[:, 3:, 3:], along) * own
             changes.append(change)
         return self.force + jnp.concatenate(changes)
 
-    def with_geometric_stiffness(
+    def tangents_with_geometric_stiffness(
         self,
         system: System,
         tangents: Sequence[Float[Array, "n_elem d d"]],
         force: Float[Array, " n"],
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return element tangents with the geometric stiffness of other axial forces [n], N.
+        """Return element tangents with the geometric stiffness of other axial forces.
 
-        `tangents` have an array [n_elem, d, d], N/m, for every group, and so has the result.
+        Args:
+            system: the system of the chords.
+            tangents: element tangents under the axial forces ``self.force``, per group
+                [n_elem, d, d], N/m; the result has the same shapes.
+            force: axial forces that replace them in the geometric stiffness, [n], N.
         """
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
@@ -116,8 +120,8 @@ class Chords:
         return found
 
 
-def _pulls_of_pieces(forces):
-    """Return the forces of pieces on their second ends from those at all ends, joined, [n, 3], N.
+def _pulls_of_segments(forces):
+    """Return the forces of segments on their second ends from those at all ends, joined, [n, 3], N.
 
     `forces` at the ends of elements are [n_elem, n_end, 3].
     """
@@ -128,15 +132,15 @@ def _pulls_of_pieces(forces):
 
 
 def _matrices_of_chains(blocks):
-    """Return matrices of elements, [n_elem, d, d], from those of pieces, [n_elem, n, 3, 3].
+    """Return matrices of elements, [n_elem, d, d], from those of segments, [n_elem, n, 3, 3].
 
-    A block is that between the second end of a piece and itself; others differ in sign.
+    A block is that between the second end of a segment and itself; others differ in sign.
     """
     n = blocks.shape[1]
     if n == 1:
         row = jnp.concatenate([blocks[:, 0], -blocks[:, 0]], axis=2)
         return jnp.concatenate([row, -row], axis=1)
-    ends = np.eye(n, n + 1, 1) - np.eye(n, n + 1)  # of each piece
+    ends = np.eye(n, n + 1, 1) - np.eye(n, n + 1)  # of each segment
     matrix = jnp.einsum("pa,epij,pb->eaibj", ends, blocks, ends.astype(blocks.dtype))
     return matrix.reshape(len(blocks), 3 * (n + 1), 3 * (n + 1))
 
@@ -174,7 +178,7 @@ def n_chord(group: Element) -> int:
     return len(group.links) * (group.links.shape[1] - 1)
 
 
-def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
+def second_minus_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
     """Return `values` [n_row, 3] of the second ends of chords less those of first ends, [n, 3]."""
     links = [
         jnp.stack([group.links[:, :-1], group.links[:, 1:]], axis=-1).reshape(-1, 2)

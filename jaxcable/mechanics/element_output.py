@@ -42,7 +42,10 @@ class ElementOutput:
 
 
 def evaluate_output(system: System, motion: Motion) -> ElementOutput:
-    """Evaluate all element results of a system at a motion of all nodes: `ElementOutput`."""
+    """Evaluate all results of elements at a motion of all rows, each element once.
+
+    Return them as `ElementOutput`, with the numbers of slack elements and of loose nodes.
+    """
     results = system.results()
     found = system.results_by_name(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")

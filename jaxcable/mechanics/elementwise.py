@@ -148,7 +148,7 @@ class Elementwise:
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
-        """Return secant stiffnesses of elements between two motions, [n_elem, ...] per group."""
+        """Return secant stiffnesses between two motions, per group as `Secant.secant`, N/m."""
         return [
             evaluate_elements("secant", group, state, self.nodes, before, motion)
             for group, state in zip(self.groups, self.states, strict=True)
@@ -270,7 +270,11 @@ def map_elements(
     *motions: Motion,
     **options: Any,
 ) -> Any:
-    """Call `map_elements_at_ends` with positions and motions of rows, gathered at ends."""
+    """Call ``function(one, state, ends, motion)`` for all elements of a group, by vmap.
+
+    Return arrays [n_elem, ...]. `nodes` (initial positions, m) and `motions` are those of all rows;
+    they are gathered at the ends of the elements. `options` are those of `map_elements_at_ends`.
+    """
     at = nodes[group.links], *(motion[group.links] for motion in motions)
     return map_elements_at_ends(function, group, state, at, **options)
 
@@ -313,7 +317,11 @@ def map_elements_at_ends(
 
 
 def _map_elements(function, absent, law, properties, state, at, beside, exact):
-    """Return `map_elements_at_ends` of a group `law` without links and without `properties`."""
+    """Return the results of `map_elements_at_ends`, of a group taken apart.
+
+    `law` is the group without links and `properties`, which have a value for every element; other
+    arguments are those of `map_elements_at_ends`.
+    """
     nodes, *motions = at
     if state.present is not None:
         motions = [_zero_motion_unless(state.present, motion) for motion in motions]
@@ -333,7 +341,10 @@ _trace_elements_once = jax.jit(_map_elements, static_argnums=(0, 1))
 
 
 def _zero_motion_unless(present, motion):
-    """Return motions of ends [n_elem, n_end, n], zero for elements that are not `present`."""
+    """Return motions of ends, [n_elem, n_end, n], or no motion for elements not `present`.
+
+    Without motion displacements are zero, quaternions those of no rotation.
+    """
     still = jnp.zeros(motion.shape[-1], motion.dtype)
     if len(still) == 7:
         still = still.at[3:].set(jnp.asarray(IDENTITY, motion.dtype))
@@ -346,5 +357,8 @@ def motion_at_ends(group: Element, motion: Motion) -> Float[Array, "n_elem n_end
 
 
 def _motion_columns(group, ends):
-    """Return the columns of motions `ends` that a group needs: rotations only if it has some."""
+    """Return motions at the ends of a group without the rotations that it does not use.
+
+    `ends` are [n_elem, n_end, 3 or 7]; with a low-order part (6 columns) they stay as they are.
+    """
     return ends if has_low_part(ends) else ends[..., : group.n_motion]

@@ -63,7 +63,7 @@ def find_slackened(system: System, x: Motion) -> Slackened:
     if not any(counted):
         return Slackened([None] * len(counted), jnp.zeros((), bool))
     nothing = [jnp.zeros(len(system.groups[k].links), bool) for k in places]
-    find = deferred(lambda system, x: _find(system, x, places), (nothing, jnp.zeros((), bool)))
+    find = deferred(lambda s, x: _released_and_kinks(s, x, places), (nothing, jnp.zeros((), bool)))
     found, at_kink = find(*lax.stop_gradient((system, x)))
     released: list[Any] = [None] * len(counted)
     for k, own in zip(places, found, strict=True):
@@ -72,7 +72,10 @@ def find_slackened(system: System, x: Motion) -> Slackened:
 
 
 def slacken(system: System, released: list[Bool[Array, " n_elem"] | None]) -> System:
-    """Return a system at the same motion, with a smaller elongation of `released` elements."""
+    """Return the system with the elements `released`, [n_elem] bool per group or None, slack.
+
+    Their elongations change by a strain of 1e-3; the motion at which the system is looked at stays.
+    """
     states = list(system.states)
     for k, (group, own) in enumerate(zip(system.groups, released, strict=True)):
         if own is not None:
@@ -84,13 +87,17 @@ def slacken(system: System, released: list[Bool[Array, " n_elem"] | None]) -> Sy
     return copy_with(system, states=states)
 
 
-def _find(system, x, places):
-    """Return which elements of the groups `places` are released, and whether another kinks."""
+def _released_and_kinks(system, x, places):
+    """Return which elements loose nodes can slacken, and whether another one is at its kink.
+
+    The former are a list with [n_elem] bool for each of the groups with the indices `places`, the
+    latter is a scalar bool.
+    """
     kinked = _elements_at_kinks(system, x)
     faint = _elements_with_faint_tension(system, x, places)
     counted = [own | kinked[k] for own, k in zip(faint, places, strict=True)]
     nothing = [jnp.zeros_like(own) for own in faint]
-    search = deferred(lambda *at: _released(*at, places), nothing)
+    search = deferred(lambda *at: _elements_that_can_slacken(*at, places), nothing)
     released = nothing
     if places:
         released = lax.cond(_any_element(counted), search, lambda *_: nothing, system, x, counted)
@@ -100,19 +107,22 @@ def _find(system, x, places):
 
 
 def _any_element(masks):
-    """Return whether any entry of arrays, or None, is true, scalar bool."""
+    """Return whether any entry of the arrays in a list is true, scalar bool; some may be None."""
     return jnp.any(jnp.stack([jnp.any(own) for own in masks if own is not None] or [False]))
 
 
 def _is_straight(system, k):
-    """Return whether the elements of a group are straight pieces between two nodes."""
+    """Return whether the elements of the group with index `k` are straight, between two nodes."""
     group = system.groups[k]
     is_axial = isinstance(system.states[k], AxialState) and not group.shaped_by_load
     return is_axial and group.links.shape[1] == 2
 
 
 def _elements_at_kinks(system, x):
-    """Return which elements at free nodes are at their kinks, [n_elem] bool or None per group."""
+    """Return which elements at free nodes are between taut and slack, [n_elem] bool per group.
+
+    None for groups that cannot be slack, or whose laws have history variables.
+    """
     found, free, x = [], system.dof_map.movable_dofs(), drop_low_part(x)
     for group, state in zip(system.groups, system.states, strict=True):
         own = None
@@ -124,9 +134,10 @@ def _elements_at_kinks(system, x):
 
 
 def _elements_with_faint_tension(system, x, places):
-    """Return which elements of the groups `places` are taut by less than the tolerance, [n_elem].
+    """Return which elements have a force that is only rounding, [n_elem] bool per group.
 
-    This is part of the largest tension of these elements.
+    It is below 1e-9 of the largest one of these elements (1e-4 in single precision), and not zero.
+    `places` are indices of groups; the list has their masks.
     """
     at = [(system.groups[k], system.states[k], system.nodes, x) for k in places]
     sizes = [jnp.abs(evaluate_elements("tension", *own)) for own in at]
@@ -135,7 +146,7 @@ def _elements_with_faint_tension(system, x, places):
     return [(size > 0) & (size <= limit) for size in sizes]
 
 
-def _released(system, x, counted, places):
+def _elements_that_can_slacken(system, x, counted, places):
     """Return which of the `counted` elements of the groups `places` slacken as loose nodes move.
 
     Loose nodes have only slack and counted elements. Either there is a movement of them that
@@ -154,7 +165,7 @@ def _released(system, x, counted, places):
     at_ends = system.gather_at_ends(system.nodes + x[:, :3])
     signs = [1.0 if group.tension_only else -1.0 for group in groups]
     along = jnp.concatenate(
-        [sign * _from_first_end(at_ends[k]) for k, sign in zip(places, signs, strict=True)]
+        [sign * _second_minus_first_end(at_ends[k]) for k, sign in zip(places, signs, strict=True)]
     )
     along = along / jnp.sqrt(jnp.sum(along**2, axis=1, keepdims=True))
     ends = jnp.concatenate([group.links for group in groups])
@@ -167,7 +178,7 @@ def _released(system, x, counted, places):
 
     def shortening(step):
         moved = system.space.prolong(x, step)[:, :3][ends]
-        rate = -jnp.sum(_from_first_end(moved) * along, axis=1)
+        rate = -jnp.sum(_second_minus_first_end(moved) * along, axis=1)
         return jnp.where(counted, rate, jnp.inf)
 
     def improve(state):
@@ -190,6 +201,6 @@ def _released(system, x, counted, places):
     return [released[a : a + n] for a, n in zip(starts, sizes, strict=True)]
 
 
-def _from_first_end(values: Float[Array, "n_elem 2 3"]) -> Float[Array, "n_elem 3"]:
-    """Return the values of second ends less those of first ends."""
+def _second_minus_first_end(values: Float[Array, "n_elem 2 3"]) -> Float[Array, "n_elem 3"]:
+    """Return the values of second ends less those of first ends, [n_elem, 3]."""
     return values[:, 1] - values[:, 0]

@@ -48,7 +48,10 @@ class NodalIncrement:
     amplitude: Amplitude | None = None
 
     def value_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Return the loads or movements of the phase at a load factor, [n_row, 3 or 6]."""
+        """Return the loads or movements that the phase has added at a load factor (`parameter`).
+
+        They are [n_row, 3 or 6], in the units of `values`.
+        """
         if self.amplitude is None:
             return parameter * self.values
         return jnp.sum(self.amplitude.factor_at(parameter)[:, None, None] * self.values, axis=0)
@@ -276,7 +279,10 @@ class LoadRamp:
     def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> RestartState:
-        """Return the `RestartState` of a motion and states with the loads at a load factor."""
+        """Return the `RestartState` at a load factor (`parameter`), from its motion and states.
+
+        Nodal loads and factors of element loads are those of the load factor.
+        """
         pairs = zip(self.start.loads, self.added, strict=True)
         loads = [stack.at_load_factor(which, parameter) for stack, which in pairs]
         nodal = self.nodal_load(parameter)

@@ -66,7 +66,10 @@ class LoadStack:
     def at_load_factor(
         self, added: Bool[Array, " m"], parameter: Float[ArrayLike, ""]
     ) -> LoadStack:
-        """Return the stack at a load factor of the phase that adds the loads `added`, [m] bool."""
+        """Return the stack at a load factor (`parameter`) of the present phase.
+
+        `added`, [m] bool, are the loads that this phase adds; factors of others stay.
+        """
         now = parameter if self.amplitude is None else self.amplitude.factor_at(parameter)
         return copy_with(self, factors=jnp.where(added, now, self.factors))
 
@@ -87,7 +90,10 @@ class LoadStack:
         return load.coupled_nodes(groups)
 
     def before_phases(self, begun: Float[Array, "n_row 3"]) -> LoadStack:
-        """Return the stack with factors of zero, and start positions `begun`, [n_row, 3], m."""
+        """Return the stack as it is before the first phase: with factors of zero.
+
+        `begun` are the positions of all rows then, [n_row, 3], m.
+        """
         m = self.phase.shape[0]
         there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.needs_begin_nodes else None
         return copy_with(self, factors=jnp.zeros(m, begun.dtype), begun=there)
@@ -95,7 +101,10 @@ class LoadStack:
     def with_start_positions(
         self, added: Bool[Array, " m"], moved: Float[Array, "n_row 3"]
     ) -> LoadStack:
-        """Return a copy with positions `moved` [n_row, 3] at the start of the loads `added`."""
+        """Return a copy in which a phase that adds the loads `added` starts at positions `moved`.
+
+        They are [m] bool, and [n_row, 3], m.
+        """
         if self.begun is None:
             return self
         return copy_with(self, begun=jnp.where(added[:, None, None], moved, self.begun))
@@ -211,7 +220,7 @@ def element_load(
         if not stack.follows:
             concentrated = stack.for_each_load(lambda load: load.point_loads(number, state))
             if concentrated is not None:
-                points.append(_scaled_points(concentrated, stack.factors))
+                points.append(_scale_point_loads(concentrated, stack.factors))
             force = stack.weighted_sum(
                 lambda load: load.load_per_length(number, group, state, nodes)
             )
@@ -226,10 +235,10 @@ def element_load(
                 pressures.setdefault(per, []).append((stack.factors[k] * pressure, axis))
     if line is None and not pressures and not points:
         return None
-    return ElementLoad(line, pressures or None, _joined_points(points))
+    return ElementLoad(line, pressures or None, _join_point_loads(points))
 
 
-def _scaled_points(points, factors):
+def _scale_point_loads(points, factors):
     """Return concentrated loads of m loads, [m, n_elem, k, 4 or 7], times factors [m].
 
     They are joined to [n_elem, m k, 4 or 7]; `ElementLoad` says what they are.
@@ -239,8 +248,11 @@ def _scaled_points(points, factors):
     return points.reshape(points.shape[0], -1, points.shape[-1])
 
 
-def _joined_points(parts):
-    """Join concentrated loads, arrays [n_elem, k, 4 or 7], along their second axis; or None."""
+def _join_point_loads(parts):
+    """Join concentrated loads, a list of arrays [n_elem, k, 4 or 7], along their second axis.
+
+    Missing moments become zero. None if the list is empty.
+    """
     if not parts:
         return None
     most = max(part.shape[-1] for part in parts)

@@ -24,7 +24,10 @@ _DIFFERENCE_SQUARED = np.kron(
 
 
 def all_suit_cone_solver(system: System) -> bool:
-    """Return whether all groups are straight or sliding cables with linear laws."""
+    """Return whether every group is one of cables that `conic_interior_point` can solve.
+
+    These are straight or sliding cables with a linear law (`TensionElement.suits_cone_solver`).
+    """
     pairs = zip(system.groups, system.states, strict=True)
     return all(
         isinstance(group, TensionElement) and group.suits_cone_solver(state)
@@ -33,14 +36,14 @@ def all_suit_cone_solver(system: System) -> bool:
 
 
 def chain_differences(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
-    """Return differences of values at successive nodes of elements, [n_elem, n_end - 1, k]."""
+    """Return the value at each node of an element minus that before, [n_elem, n_end - 1, k]."""
     return values[:, 1:] - values[:, :-1]  # less code than `jnp.diff`
 
 
 def piece_differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
-    """Return differences of `values` of nodes, [n_row, k], along each piece of cable, [n_piece, k].
+    """Return `values` [n_row, k] at the second node of each piece minus the first, [n_piece, k].
 
-    A piece is a straight part between successive nodes; padding has zeros.
+    A piece is the straight segment of a cable between successive nodes; padding has zeros.
     """
     parts = [chain_differences(values[group.links]) for group in system.groups]
     found = jnp.concatenate([part.reshape(-1, values.shape[1]) for part in parts])
@@ -74,13 +77,17 @@ def piece_shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
 
 
 def zero_void_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
-    """Return `values` of pieces, [n_piece], with zeros for padding and inactive cables."""
+    """Return `values`, [n_piece], with zeros for padding and for pieces of inactive cables."""
     found = existing_pieces(system)
     return values if found is None else jnp.where(found, values, 0.0)
 
 
 def mean_over_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
-    """Return the mean of `values` over pieces that are no padding and of active cables."""
+    """Return the mean of `values`, [n_piece], over all straight pieces of active cables.
+
+    A piece is the segment of a cable between successive nodes; padding is left out, and every piece
+    has the same weight.
+    """
     found = existing_pieces(system)
     if found is None:
         return jnp.mean(values)

@@ -35,12 +35,18 @@ class RestartState:
     support_rotation: Float[Array, "n_row 4"] | None = None
 
     def with_factors_alone(self) -> RestartState:
-        """Return a copy with the factors of the loads alone: all of them that phases change."""
+        """Return a copy whose loads have only factors and start positions, which phases change.
+
+        Their numbers, phases and amplitudes are None.
+        """
         bare = {"load": None, "phase": None, "amplitude": None}
         return copy_with(self, loads=[copy_with(stack, **bare) for stack in self.loads])
 
     def with_loads(self, loads: list[LoadStack]) -> RestartState:
-        """Return a copy with the numbers of `loads`, and the factors of its own."""
+        """Return a copy with the numbers of `loads`, and with its own factors and start positions.
+
+        It undoes `with_factors_alone`.
+        """
         pairs = zip(loads, self.loads, strict=True)
         return copy_with(
             self, loads=[copy_with(new, factors=own.factors, begun=own.begun) for new, own in pairs]
@@ -57,7 +63,11 @@ def initial_restart_state(nodes: Float[Array, "n_row 3"], groups: list[Element])
 def with_loads_until(
     restart: RestartState, loads: list[LoadStack], phase: Int[ArrayLike, ""]
 ) -> RestartState:
-    """Return the `RestartState` with `loads`, but zero (also for NaN) in phases after `phase`."""
+    """Return a `RestartState` with the numbers of `loads`; those of phases after `phase` are zero.
+
+    They are zero also where they are NaN. `restart` has factors of the loads alone
+    (`RestartState.with_factors_alone`).
+    """
     return restart.with_loads([stack.up_to_phase(phase) for stack in loads])
 
 

@@ -24,8 +24,10 @@ _ROUNDINGS = 8  # bound on the errors of eps^2 displacement in an elongation (`e
 
 
 @pytree
-class TensionResponses:
-    """Tensions and end forces of all cables at a point of the iteration, all groups in one, [n].
+class CableTensions:
+    """Tensions and end forces of all cables at one motion, with their derivatives.
+
+    Arrays of all groups are joined, [n], in the order of the groups.
 
     Attributes:
         tension: tensions, [n], N.
@@ -43,8 +45,12 @@ class TensionResponses:
     shapes: list[PyTree[Array]]
 
     @classmethod
-    def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> TensionResponses:
-        """Evaluate all cables at motion `x`, with its low-order part in full if `exact`."""
+    def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> CableTensions:
+        """Evaluate all cables at motion `x`.
+
+        With `exact`, elongations are as precise as a motion that is the sum of displacements and
+        of their low-order part (double-double), see `map_elements_at_ends`.
+        """
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = evaluate_elements(
@@ -83,9 +89,9 @@ class TensionResponses:
         return residual, scale, jnp.abs(system.space.restrict(system.sum_at_rows(unsure), x))
 
     def under_tensions(self, system: System, tensions: Float[Array, " n"]) -> SlackUnderTensions:
-        """Return how much longer the cables could be here under given tensions [n], N.
+        """Return lengths and end forces of the cables under given tensions, [n], N.
 
-        The directions of the cables are those at the point of `self`.
+        The positions of the nodes, and hence the directions of the cables, stay those of `self`.
         """
         split = _split_by_group(system, tensions)
         slacks: list[LengthSlack] = []
@@ -123,7 +129,8 @@ class SlackUnderTensions:
         sag: length that sags take, [n], m; None if no cable can sag.
         sag_compliance: minus the derivative of `sag` by the tensions, [n], m/N; or None.
         unit_forces: derivatives of the end forces by the tensions, per group [n_elem, n_end, 3].
-        forces: end forces, per group, likewise, N; None where they are tension times `unit_forces`.
+        forces: end forces, per group [n_elem, n_end, 3], N; None for a group where they are tension
+            times `unit_forces`.
     """
 
     tension: Float[Array, " n"]
@@ -135,7 +142,7 @@ class SlackUnderTensions:
     forces: list[Float[Array, "n_elem n_end 3"] | None]
 
     def slack_beyond_sag(self, slack: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return a length `slack` [n], m, less what sags take, at least 0."""
+        """Return spare lengths `slack`, [n], m, less the lengths that sags take, at least 0."""
         return slack if self.sag is None else jnp.maximum(slack - self.sag, 0.0)
 
     def target_product(
@@ -278,7 +285,10 @@ def _split_by_group(system, values):
 
 
 def _concatenate_or_none(values, slacks):
-    """Concatenate arrays of all groups, with zeros for None; return None if all are None."""
+    """Concatenate `values`, [n_elem] or None per group, to [n]; return None if all are None.
+
+    A group with None has zeros, in the shape of its `LengthSlack` in `slacks`.
+    """
     if all(value is None for value in values):
         return None
     pairs = zip(values, slacks, strict=True)

@@ -132,7 +132,7 @@ class Structure:
             raise ValueError("elements: a structure needs at least one element group")
         self._check_result_names()
         for where, group in self.named_groups():
-            contract.require(group, f"elements{where}")
+            contract.require_abilities(group, f"elements{where}")
         self._check_rigid_links()
         fixed = self.fixed(self.supports)
         if positions is not None:

@@ -96,9 +96,10 @@ def nesterov_todd_scaling(
 def inverse_step_to_boundary(
     u: Scalars, x: Vectors, slack: Scalars, du: Scalars, dx: Vectors
 ) -> Float[Array, ""]:
-    """Return 1/t for the smallest t at which a point plus t times its step leaves the cone.
+    """Return 1/t for the smallest step length t > 0 at which any of the points leaves the cone.
 
-    One number for all points (u, X) with steps (du, dX); it is not positive if no step ever leaves.
+    One number for all points (u, X) with steps (du, dX) and slacks ``u - |X|``; it is not positive
+    if no point ever leaves the cone along its step.
     """
     rise = norm(dx)
     square, half = (du - rise) * (du + rise), lorentz_products(u, x, du, dx)
@@ -115,7 +116,13 @@ def inverse_step_to_boundary(
 def slack_after_step(
     x: Vectors, slack: Scalars, du: Scalars, dx: Vectors, part: Float[Array, ""]
 ) -> Scalars:
-    """Return the slacks ``u - |X|`` after `part` times a step (du, dX), without cancellation."""
+    """Return the slacks ``u - |X|``, [n], after steps (du, dX) of the length `part`, a scalar.
+
+    Args:
+        x, slack: X and ``u - |X|`` before the step, [n, 3] and [n].
+        du, dx: the whole steps of u and X.
+        part: the part of them that is made, 0 to 1. Nothing cancels.
+    """
     change = part * dx
     after = x + change
     both = jnp.maximum(norm(x) + norm(after), jnp.finfo(slack.dtype).tiny)
@@ -126,7 +133,10 @@ def slack_after_step(
 def apply_lorentz_boost(
     w0: Scalars, w: Vectors, first: Scalars, rest: Vectors
 ) -> tuple[Scalars, Vectors]:
-    """Return W (first, rest), point by point, for the Lorentz boost W with W (1, 0) = (w0, w)."""
+    """Return W (first, rest), point by point, for the Lorentz boost W with ``W (1, 0) = (w0, w)``.
+
+    Numbers are [n], vectors [n, 3]; ``w0^2 - |w|^2 = 1``.
+    """
     along = jnp.sum(w * rest, axis=-1)
     return w0 * first + along, rest + repeat_for_vectors(first + along / (1 + w0), w) * w
 

@@ -18,7 +18,7 @@ from .. import linear
 from ..common.jax_internals import is_tracing
 from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear.sparse import FactoredMatrix
+from ..linear.sparse import FactorRecord
 from .implicit_root import TangentSolver, implicit_root
 from .nan_marks import nan_unless_valid
 
@@ -70,7 +70,7 @@ def attach_derivative_with_marks(
     system: System,
     x: Float[Array, "n_row n_motion"],
     valid: Bool[ArrayLike, ""],
-    factored: FactoredMatrix | None = None,
+    factored: FactorRecord | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
     results: dict[str, Any] | None = None,
@@ -97,8 +97,8 @@ def attach_derivative_with_marks(
         x: the equilibrium, with derivative NaN where it is not defined.
         bare: the equilibrium, with derivative zero where it is not defined.
         marks: `DerivativeMarks`. Results are computed from `bare`, and the marks are added at the
-            end: a NaN in a product would be multiplied by zero in second derivatives and spread
-            everywhere.
+            end: a NaN in a product would be multiplied by zero in second derivatives, and all of
+            them would be NaN.
         results: the results with their derivatives at `bare`.
     """
     x = lax.stop_gradient(x)
@@ -114,7 +114,7 @@ def attach_derivative_with_marks(
 
     solver = TangentSolver(_solve_tangent, _solve_adjoint)
     found, known = implicit_root(equation, start, problem, solver, known)
-    found, mark, of_forces = _split_unknowns(found)
+    found, mark, of_forces = _split_unknowns_and_marks(found)
     if not numbers.size:  # nothing is free: the point depends on supports only, not on the root
         nothing = jnp.zeros(system.nodes.shape[0], x.dtype)
         return back(numbers), back(numbers), DerivativeMarks(nothing, jnp.zeros((), x.dtype)), known
@@ -127,8 +127,11 @@ def attach_derivative_with_marks(
     return back(found + mark), back(found), marks, known
 
 
-def _split_unknowns(values):
-    """Return the parts of a vector [2 n + 1]: unknowns, their marks, and that of forces."""
+def _split_unknowns_and_marks(values):
+    """Split a vector [2 n + 1] into unknowns, [n], their marks, [n], and the mark of forces, [1].
+
+    Marks are the further unknowns that become `DerivativeMarks`.
+    """
     count = len(values) // 2
     return jnp.split(values, (count, 2 * count))
 
@@ -147,7 +150,7 @@ def _residual_and_results(found, problem, names):
     """
     system, x, *_ = merge_indices(*problem)
     system = system.slacken(system.find_slackened(x).released)
-    step, *marks = _split_unknowns(found)
+    step, *marks = _split_unknowns_and_marks(found)
     begin = system.impose_supports(system.with_support_rotations(x))
     residual, results = system.after_step(begin, step, *names)
     return jnp.concatenate([residual, *marks]), {name: results[name] for name in names}
@@ -156,11 +159,12 @@ def _residual_and_results(found, problem, names):
 def _solve_tangent(problem, _, both):
     """Return ``K^-1 b`` for the tangent K, and marks, NaN where undefined, together [2 n + 1].
 
-    `both` are b and the marks on the right side.
+    The arguments are those of `TangentSolver.forward`: the split arguments of
+    `attach_derivative_with_marks`, a function that is not needed, and b with marks, [2 n + 1].
     """
-    b, mark, of_forces = _split_unknowns(both)
+    b, mark, of_forces = _split_unknowns_and_marks(both)
     factor = _factorize_tangent(problem)
-    answer, unknown = factor.solve_with_marks(b)
+    answer, unknown = factor.solve_with_undefined_mask(b)
     # what loose nodes do has no influence on forces
     fails = jnp.any(unknown & ~factor.loose)
     marks = jnp.where(unknown, jnp.nan, mark), jnp.where(fails, jnp.nan, of_forces)
@@ -168,8 +172,11 @@ def _solve_tangent(problem, _, both):
 
 
 def _solve_adjoint(problem, _, both):
-    """Return ``K^-T b`` and marks, [2 n + 1]; nothing is assembled where b is zero."""
-    b, *marks = _split_unknowns(both)
+    """Return ``K^-T b`` and unchanged marks, [2 n + 1]; K is not assembled where b is zero.
+
+    The arguments are those of `_solve_tangent`.
+    """
+    b, *marks = _split_unknowns_and_marks(both)
     answer = lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
@@ -177,7 +184,11 @@ def _solve_adjoint(problem, _, both):
 
 
 def _factorize_tangent(problem):
-    """Return the factor of the tangent stiffness of `problem`; of NaN where it is not smooth."""
+    """Factorize the tangent stiffness at the equilibrium x of `problem`.
+
+    `problem` has the split arguments of `attach_derivative_with_marks`. The matrix is the identity
+    if x is not valid, and NaN if the residual has a kink at x.
+    """
     system, x, valid, *known = merge_indices(*lax.stop_gradient(problem))
     slackened = system.find_slackened(x)
     system = system.slacken(slackened.released)
@@ -234,10 +245,11 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
     return shape.unflatten(nan_unless_valid(ok, [jnp.asarray(x) for x in leaves], probe))
 
 
-def _traced_once(function):
-    """Return a function that is one function in a program; each trace of a program finds it again.
+def _as_one_subprogram(function):
+    """Return `function` such that all its calls in a traced program share one subprogram.
 
-    The rule of a function with a `jax.custom_jvp` is another object in every trace.
+    While nothing is traced, `function` itself runs. It has a `jax.custom_jvp`, whose rule is
+    another object in every trace, so that jax would not find two calls to be the same.
     """
     once = jax.jit(function)
     return lambda *arguments: (once if is_tracing() else function)(*arguments)
@@ -265,12 +277,15 @@ def _probe_of_floats_jvp(primals, tangents):
     return _probe_of_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
-_probe_once = _traced_once(_probe_of_floats)
+_probe_once = _as_one_subprogram(_probe_of_floats)
 
 
 @jax.custom_jvp
 def _with_nan_derivatives(arrays, probe):
-    """Return a list of arrays with derivatives NaN by everything that `probe` depends on."""
+    """Return a list of float arrays as it is, with NaN derivatives by all that `probe` depends on.
+
+    `probe` is the zero of `gradient_probe`.
+    """
     return arrays
 
 
@@ -281,7 +296,7 @@ def _with_nan_derivatives_jvp(primals, tangents):
     return arrays, nan_unless_valid(False, [jnp.zeros_like(x) for x in arrays], tangents[1])
 
 
-_with_nan_derivatives_once = _traced_once(_with_nan_derivatives)
+_with_nan_derivatives_once = _as_one_subprogram(_with_nan_derivatives)
 
 
 @jax.custom_jvp

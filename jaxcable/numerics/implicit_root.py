@@ -81,11 +81,11 @@ def implicit_root(
         return [residual, *jax.tree.leaves(further)]
 
     def forward(x, rhs, *leaves):
-        by = partial(_product, equation)
+        by = partial(_multiply_by_jacobian, equation)
         return solver.forward(tree.unflatten(leaves), lambda change: by(change, x, *leaves), rhs)
 
     def adjoint(x, rhs, *leaves):
-        by = partial(_transposed_product, equation)
+        by = partial(_multiply_by_transposed_jacobian, equation)
         return solver.adjoint(tree.unflatten(leaves), lambda force: by(force, x, *leaves), rhs)
 
     arrays = [lax.stop_gradient(jnp.asarray(x)) for x in (root, *known)]
@@ -114,28 +114,41 @@ def with_deferred_derivative(
 
 
 def _known_values(*arrays, count, equation, solver):
-    """Return root and outputs, the first arguments: value, and shape rule, of `_ROOT`."""
+    """Return the first `count` arguments, root and outputs, as they are.
+
+    This is the value of the primitive `_ROOT`; applied to shapes, it is its shape rule.
+    """
     return list(arrays[:count])
 
 
 def _narrow_root(used, n_argument, *, count, equation, solver):
-    """Leave out unused outputs, and the arguments with their values: see `define_primitive`."""
+    """Drop unused outputs of `_ROOT`, and the arguments with their values.
+
+    Args:
+        used: whether each result (root, then outputs) is used.
+        n_argument: number of arguments of the primitive.
+        count, equation, solver: parameters of the primitive.
+
+    Returns:
+        Which results and which arguments are kept, bool lists, and the new parameters, a dict, as
+        `define_primitive` asks for.
+    """
     kept = [True, *used[1:]]
     arguments = kept + [True] * (n_argument - count)
-    given = {"count": sum(kept), "equation": _select(equation, kept), "solver": solver}
+    given = {"count": sum(kept), "equation": _keep_outputs(equation, kept), "solver": solver}
     return kept, arguments, given
 
 
 def _narrow_root_tangent(used, n_argument, *, shapes, equation, **given):
-    """Leave out the tangents of unused outputs."""
+    """Drop the tangents of unused outputs of `_ROOT_TANGENT`; arguments as in `_narrow_root`."""
     kept = [True, *used[1:]]
     shapes = tuple(shape for shape, own in zip(shapes, kept[1:], strict=True) if own)
-    given |= {"shapes": shapes, "equation": _select(equation, kept)}
+    given |= {"shapes": shapes, "equation": _keep_outputs(equation, kept)}
     return kept, [True] * n_argument, given
 
 
-def _select(equation, kept):
-    """Return the equation without those outputs that are not kept."""
+def _keep_outputs(equation, kept):
+    """Return the function `equation` with only those results for which `kept`, bool, is true."""
 
     def fewer(x, *leaves):
         pairs = zip(equation(x, *leaves), kept, strict=True)
@@ -145,7 +158,10 @@ def _select(equation, kept):
 
 
 def _root_jvp(primals, tangents, *, count, **given):
-    """Forward derivative of `_ROOT`: root and outputs, and their tangents by `_ROOT_TANGENT`."""
+    """JVP rule of `_ROOT`: return root and outputs, and their tangents by `_ROOT_TANGENT`.
+
+    The first `count` of the arguments are root and outputs, others the parameters.
+    """
     found = _ROOT.bind(*primals, count=count, **given)
     moving = internals.moving_arguments(primals[count:], tangents[count:])
     if not moving:
@@ -162,8 +178,8 @@ class _Linearization(NamedTuple):
 
     Attributes:
         root: x.
-        leaves: the parameters, of which those with the indices `moving` change.
-        moving: these indices.
+        leaves: the parameters p, arrays.
+        moving: indices of the parameters that have tangents; derivatives by others are not needed.
         equation: function of x and the leaves to a list of residual and outputs.
         solver: pair of functions of x, a right side and the leaves.
     """
@@ -175,13 +191,20 @@ class _Linearization(NamedTuple):
     solver: TangentSolver
 
     @classmethod
-    def of(cls, root, *arrays, moving, equation, solver):
-        """Return it, and what is behind it in the arguments of `_ROOT_TANGENT`: the changes."""
+    def split_from_arguments(cls, root, *arrays, moving, equation, solver):
+        """Split the arguments of `_ROOT_TANGENT`: return the linearization, and the tangents.
+
+        `arrays` are all parameters, then the tangents of those with the indices `moving`.
+        """
         last = len(arrays) - len(moving)
         return cls(root, arrays[:last], moving, equation, solver), arrays[last:]
 
-    def at(self, wanted):
-        """Return residual and the outputs `wanted` as a function, and its arguments here."""
+    def function_and_point(self, wanted):
+        """Return a function to be differentiated, and the point where: values of its arguments.
+
+        Its arguments are the root and the parameters `moving`; it returns a list of the residual
+        and of the outputs with the indices `wanted`.
+        """
 
         def function(x, *some):
             leaves = internals.replace_entries(self.leaves, self.moving, some)
@@ -191,10 +214,13 @@ class _Linearization(NamedTuple):
         return function, (self.root, *(self.leaves[k] for k in self.moving))
 
     def solve(self, rhs, adjoint):
-        """Solve with the tangent or its transpose; the solution depends on root and leaves, too."""
+        """Return ``f_x^-1 rhs``, or with `adjoint` ``f_x^-T rhs``, by the Jacobian f_x at the root.
+
+        The solution is an implicit root: its derivatives by `rhs`, root and leaves are exact.
+        """
         if not rhs.size:
             return rhs
-        product = _transposed_product if adjoint else _product
+        product = _multiply_by_transposed_jacobian if adjoint else _multiply_by_jacobian
         solvers = [
             lambda p, _, b, own=own: own(p[1], b, *p[2:])
             for own in (reversed(self.solver) if adjoint else self.solver)
@@ -210,24 +236,30 @@ class _Linearization(NamedTuple):
         )
 
 
-def _product(equation, change, x, *leaves):
-    """Return the product of the tangent, the derivative of the residual by x, with a change."""
+def _multiply_by_jacobian(equation, change, x, *leaves):
+    """Return ``f_x change`` for the Jacobian f_x of the residual, the first result of `equation`.
+
+    It is taken at the root x and the parameters `leaves`; `change` is shaped like x.
+    """
     return jax.jvp(lambda x: equation(x, *leaves)[0], (x,), (change,))[1]
 
 
-def _transposed_product(equation, force, x, *leaves):
-    """Return the product of the transposed tangent with a force."""
+def _multiply_by_transposed_jacobian(equation, force, x, *leaves):
+    """Return ``f_x^T force`` for the Jacobian of `_multiply_by_jacobian`.
+
+    `force` is shaped like the residual, the result like x.
+    """
     return jax.vjp(lambda x: equation(x, *leaves)[0], x)[1](force)[0]
 
 
 def _root_tangent(*arrays, shapes, **given):
     """Return the tangents of root and outputs: the value of the primitive `_ROOT_TANGENT`.
 
-    The arguments are root, all parameters, and the tangents of those that are moving; `shapes` are
-    those of the outputs. The root changes by ``-f_x^-1 f_p dp``.
+    The arguments are root, all parameters, and the tangents dp of those with the indices `moving`;
+    `shapes` are those of the outputs. The tangent of the root is ``-f_x^-1 f_p dp``.
     """
-    here, changes = _Linearization.of(*arrays, **given)
-    function, at = here.at(range(len(shapes)))
+    here, changes = _Linearization.split_from_arguments(*arrays, **given)
+    function, at = here.function_and_point(range(len(shapes)))
     if not shapes:
         rhs = jax.jvp(partial(function, here.root), at[1:], tuple(changes))[1][0]
         return [-here.solve(rhs, adjoint=False)]
@@ -237,7 +269,10 @@ def _root_tangent(*arrays, shapes, **given):
 
 
 def _root_tangent_shapes(root, *_, shapes, **__):
-    """Return shapes and dtypes of the tangents: those of root and outputs."""
+    """Return shapes and dtypes of the tangents: the shape rule of `_ROOT_TANGENT`.
+
+    They are those of `root`, and `shapes`, those of the outputs.
+    """
     return [root, *map(internals.abstract_array, shapes)]
 
 
@@ -263,13 +298,13 @@ def _root_tangent_transpose(cotangents, *arrays, shapes, **given):
     With outputs, their cotangents first add to that of the root; then one product with the
     transposed derivative gives those of the parameters.
     """
-    here, changes = _Linearization.of(*arrays, **given)
+    here, changes = _Linearization.split_from_arguments(*arrays, **given)
     back, *further = cotangents
     wanted = [k for k, x in enumerate(further) if not internals.is_zero_tangent(x)]
     if not wanted and internals.is_zero_tangent(back):
         return [None] * len(arrays)
     back, further = internals.instantiate_tangent(back), [further[k] for k in wanted]
-    function, at = here.at(wanted)
+    function, at = here.function_and_point(wanted)
     _, pull = jax.vjp(function, *at)  # once for both products
     if wanted:
         back = back + pull([jnp.zeros_like(here.root), *further])[0]

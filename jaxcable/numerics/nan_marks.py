@@ -34,78 +34,92 @@ def nan_unless_valid(
     """
     places = [k for k, x in enumerate(arrays) if x.size]
     some = [arrays[k] for k in places]
-    marked = _MARKED.bind(jnp.asarray(ok), probe, *some) if some else []
+    marked = _NAN_UNLESS.bind(jnp.asarray(ok), probe, *some) if some else []
     found = list(arrays)
     for k, x in zip(places, marked, strict=True):
         found[k] = x
     return found
 
 
-def _along(ok, x):
-    """Return conditions with the axes of `x`, of which they have the first ones."""
+def _broadcast_to(ok, x):
+    """Repeat conditions, whose axes are the first ones of `x`, over its other axes; bool."""
     ok = jnp.asarray(ok)  # a literal of a program is a number of Python
     return lax.broadcast_in_dim(ok, x.shape, range(ok.ndim))
 
 
-def _mark(ok, probe, *arrays):
-    """Return the arrays, NaN where they are not ok: the value of `_MARKED`."""
-    return [lax.select(_along(ok, x), x, lax.full_like(x, jnp.nan)) for x in arrays]
+def _nan_unless(ok, probe, *arrays):
+    """Return the arrays, NaN where `ok` is false: the value of `_NAN_UNLESS`.
+
+    `probe` has no part in the value, only in derivatives.
+    """
+    return [lax.select(_broadcast_to(ok, x), x, lax.full_like(x, jnp.nan)) for x in arrays]
 
 
-def _unmark(ok, *cotangents, probe):
-    """Return the cotangents of probe and arrays for those of the results: the value of `_UNMARKED`.
+def _nan_cotangents(ok, *cotangents, probe):
+    """Return cotangents of probe and arrays from those of the results of `_NAN_UNLESS`.
 
-    `probe` has shape and dtype of the probe, whose axes are those of a batch.
+    Where `ok` is false and a cotangent is not zero, it becomes NaN, and that of the probe too; else
+    that of the probe is zero. This is the value of `_NAN_COTANGENTS`. `probe` has shape (the axes
+    of a batch) and dtype of the probe.
     """
     n_batch, kept, found = len(probe.shape), [], []
     for x in cotangents:
-        own = _along(ok, x) | (x == 0)
+        own = _broadcast_to(ok, x) | (x == 0)
         kept.append(jnp.all(own, axis=tuple(range(n_batch, x.ndim))))
         found.append(lax.select(own, x, lax.full_like(x, jnp.nan)))
     every = functools.reduce(operator.and_, kept)
     return [jnp.where(every, 0.0, jnp.nan).astype(probe.dtype), *found]
 
 
-def _shapes_of_unmarked(ok, *cotangents, probe):
-    """Shape rule of `_UNMARKED`."""
+def _shapes_of_nan_cotangents(ok, *cotangents, probe):
+    """Return shapes and dtypes of the results of `_NAN_COTANGENTS`: its shape rule."""
     return [internals.abstract_array(probe), *cotangents]
 
 
-def _linear_jvp(primitive, primals, tangents, **given):
-    """Forward derivative of both: linear in all arguments but the first, which is bool."""
+def _jvp_linear_in_all_but_first(primitive, primals, tangents, **given):
+    """JVP rule of `primitive`, linear in all arguments but the first: return values and tangents.
+
+    The first argument is a bool without derivative.
+    """
     changes = map(internals.instantiate_tangent, tangents[1:])
     found = primitive.bind(*primals, **given)
     return found, primitive.bind(primals[0], *changes, **given)
 
 
-def _transpose_mark(cotangents, ok, probe, *arrays):
-    """Transpose rule of `_MARKED`: `_UNMARKED`."""
+def _transpose_nan_unless(cotangents, ok, probe, *arrays):
+    """Transpose rule of `_NAN_UNLESS`: return cotangents of its arguments by `_NAN_COTANGENTS`.
+
+    An entry is None where no cotangent is asked for, or it is zero.
+    """
     places = [k for k, x in enumerate(cotangents) if not internals.is_zero_tangent(x)]
     back: list[Any] = [None] * (2 + len(arrays))
     if places:
         like = jax.ShapeDtypeStruct(*_shape_and_dtype(probe))
-        found = _UNMARKED.bind(ok, *(cotangents[k] for k in places), probe=like)
+        found = _NAN_COTANGENTS.bind(ok, *(cotangents[k] for k in places), probe=like)
         for k, x in zip((1, *(2 + k for k in places)), found, strict=True):
             back[k] = x
     asked = map(internals.is_undefined_primal, (ok, probe, *arrays))
     return [x if own else None for x, own in zip(back, asked, strict=True)]
 
 
-def _transpose_unmark(cotangents, ok, *_, probe):
-    """Transpose rule of `_UNMARKED`: `_MARKED`."""
+def _transpose_nan_cotangents(cotangents, ok, *_, probe):
+    """Transpose rule of `_NAN_COTANGENTS`: return cotangents of its arguments by `_NAN_UNLESS`."""
     if all(map(internals.is_zero_tangent, cotangents)):
         return [None] * len(cotangents)
-    return [None, *_MARKED.bind(ok, *map(internals.instantiate_tangent, cotangents))]
+    return [None, *_NAN_UNLESS.bind(ok, *map(internals.instantiate_tangent, cotangents))]
 
 
 def _shape_and_dtype(x):
-    """Return shape and dtype of an argument of a transpose rule."""
+    """Return shape and dtype of an argument of a transpose rule, which may be undefined there."""
     aval = x.aval if internals.is_undefined_primal(x) else x
     return aval.shape, aval.dtype
 
 
-def _in_batch(arguments, axes):
-    """Return arguments with the cases along their first axis, and the number of cases."""
+def _batch_axis_first(arguments, axes):
+    """Return arguments with the cases of a batch along the first axis, and the number of cases.
+
+    `axes` has the axis of the cases in each argument; one with None is repeated for all cases.
+    """
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     return [
         jnp.broadcast_to(x, (size, *jnp.shape(x))) if a is None else jnp.moveaxis(x, a, 0)
@@ -113,36 +127,36 @@ def _in_batch(arguments, axes):
     ], size
 
 
-def _batch_mark(arguments, axes):
-    """Rule for `jax.vmap` of `_MARKED`: the same with one more axis."""
-    found = _MARKED.bind(*_in_batch(arguments, axes)[0])
+def _batch_rule_of_nan_unless(arguments, axes):
+    """Rule for `jax.vmap` of `_NAN_UNLESS`: the same with one more axis."""
+    found = _NAN_UNLESS.bind(*_batch_axis_first(arguments, axes)[0])
     return found, [0] * len(found)
 
 
-def _batch_unmark(arguments, axes, *, probe):
-    """Rule for `jax.vmap` of `_UNMARKED`: the same with one more axis."""
-    arguments, size = _in_batch(arguments, axes)
+def _batch_rule_of_nan_cotangents(arguments, axes, *, probe):
+    """Rule for `jax.vmap` of `_NAN_COTANGENTS`: the same with one more axis."""
+    arguments, size = _batch_axis_first(arguments, axes)
     probe = jax.ShapeDtypeStruct((size, *probe.shape), probe.dtype)
-    found = _UNMARKED.bind(*arguments, probe=probe)
+    found = _NAN_COTANGENTS.bind(*arguments, probe=probe)
     return found, [0] * len(found)
 
 
-_MARKED: Any = internals.define_primitive(
+_NAN_UNLESS: Any = internals.define_primitive(
     "nan_unless",
-    _mark,
+    _nan_unless,
     lambda ok, probe, *arrays: list(arrays),
-    lambda *given, **options: _linear_jvp(_MARKED, *given, **options),
-    _batch_mark,
-    _transpose_mark,
+    lambda *given, **options: _jvp_linear_in_all_but_first(_NAN_UNLESS, *given, **options),
+    _batch_rule_of_nan_unless,
+    _transpose_nan_unless,
     multiple_results=True,
     narrow=lambda used, count: (used, [True, True, *used], {}),
 )
-_UNMARKED: Any = internals.define_primitive(
+_NAN_COTANGENTS: Any = internals.define_primitive(
     "nan_cotangents",
-    _unmark,
-    _shapes_of_unmarked,
-    lambda *given, **options: _linear_jvp(_UNMARKED, *given, **options),
-    _batch_unmark,
-    _transpose_unmark,
+    _nan_cotangents,
+    _shapes_of_nan_cotangents,
+    lambda *given, **options: _jvp_linear_in_all_but_first(_NAN_COTANGENTS, *given, **options),
+    _batch_rule_of_nan_cotangents,
+    _transpose_nan_cotangents,
     multiple_results=True,
 )

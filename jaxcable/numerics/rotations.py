@@ -50,7 +50,7 @@ def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
 
 
 def compose(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """Return the quaternion of two rotations, first by `q` and then by `p`: their product."""
+    """Return the product p q of two quaternions: the rotation first by `q` and then by `p`, [4]."""
     return (jnp.asarray(_QUATERNION_PRODUCT, q.dtype) @ q) @ p
 
 
@@ -81,7 +81,7 @@ def normalize(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
 
 
 def rotate(q: Float[Array, " 4"], v: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Return the vector `v` rotated by the unit quaternion `q`, [3]."""
+    """Return the vector `v` rotated by the unit quaternion `q` (scalar first), [3]."""
     t = 2 * cross(q[1:], v)
     return v + q[0] * t + cross(q[1:], t)
 
@@ -105,23 +105,24 @@ def to_stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
     return q[1:] / (1 + q[0])
 
 
-def _angle_factor(t):
-    """Return ``f = 4 atan(s) / s`` and ``df / dt`` for ``t = s^2``, as series for small angles.
+def _angle_factor_and_slope(t):
+    """Return the factor ``f = 4 atan(s) / s``, and its slope ``df / dt``, by series in t.
 
-    f times ``r = tan(angle / 4) axis``, with s = |r|, is the rotation vector.
+    With the parameters ``r = tan(angle / 4) axis``, s = |r| and ``t = s^2 = tan(angle / 4)^2``, the
+    rotation vector is ``f r``. For small angles only.
     """
     value = 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9))))
     slope = 4 * (-1 / 3 + t * (2 / 5 - t * (3 / 7 - t * 4 / 9)))
     return value, slope
 
 
-def small_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def small_stereographic_to_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Convert ``r = tan(angle / 4) axis`` to the rotation vector ``angle axis``, for small angles.
 
     By a series without branches. The relative error of the angle is 1e-15 at 10, 1e-11 at 23, 1e-7
     at 45 degrees.
     """
-    return _angle_factor(r @ r)[0] * r
+    return _angle_factor_and_slope(r @ r)[0] * r
 
 
 def moment_conjugate_to_spin(
@@ -134,10 +135,10 @@ def moment_conjugate_to_spin(
 
     Args:
         r: the rotation, ``tan(angle / 4) axis``, small.
-        moment: conjugate to the rotation vector ``small_rotation_vector(r)``, N m.
+        moment: conjugate to ``small_stereographic_to_rotation_vector(r)``, N m.
     """
     t = r @ r
-    value, slope = _angle_factor(t)
+    value, slope = _angle_factor_and_slope(t)
     of_r = value * moment + 2 * slope * (r @ moment) * r  # conjugate to r
     return 0.25 * ((1 - t) * of_r + 2 * cross(r, of_r) + 2 * (r @ of_r) * r)
 
@@ -156,12 +157,12 @@ def moment_conjugate_to_stereographic(
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
 
-def rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def stereographic_to_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Convert ``r = tan(angle / 4) axis`` to ``angle axis``, [3]; for angles below a full turn."""
     t = r @ r
     small = t < _SERIES_BELOW
     size = jnp.sqrt(jnp.where(small, 1.0, t))
-    series = _angle_factor(jnp.where(small, t, 0.0))[0]
+    series = _angle_factor_and_slope(jnp.where(small, t, 0.0))[0]
     return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
 
 
@@ -170,7 +171,7 @@ def rotation_vectors(quaternions: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]:
     """Convert unit quaternions to rotation vectors ``angle axis``, angles from 0 to pi."""
 
     def one(q):
-        return rotation_vector(to_stereographic(q))
+        return stereographic_to_rotation_vector(to_stereographic(q))
 
     for _ in range(quaternions.ndim - 1):
         one = jax.vmap(one)

@@ -15,7 +15,7 @@ _SMALLEST_SHAPE = 1e-12
 def relative_residual(
     residual: Float[ArrayLike, " *n"], scale: Float[ArrayLike, " *n"]
 ) -> Float[Array, " *n"]:
-    """Return ``residual / scale``, entry by entry, and the residual where the scale is zero."""
+    """Return ``residual / scale``, entry by entry; where the scale is zero, the residual itself."""
     return residual / jnp.where(scale > 0, scale, 1.0)
 
 

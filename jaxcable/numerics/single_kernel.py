@@ -76,7 +76,7 @@ def _run_in_loop(*leaves, program, **_):
 
 
 def _result_shapes(*_, program, **__):
-    """Return shapes and dtypes of the results of a program, for tracing."""
+    """Return shapes and dtypes of the results of `program`, a jaxpr: the primitives' shape rule."""
     return program.out_avals
 
 
@@ -146,9 +146,10 @@ def _split_by_counts(values, *counts):
 
 
 def _linear_kernel_jvp(primals, tangents, *, program, known):
-    """Forward derivative of `_LINEAR_KERNEL`, linear in all but the first `known` arguments.
+    """JVP rule of `_LINEAR_KERNEL`, which is linear in all but the first `known` arguments.
 
-    If the known arguments have tangents, it is the derivative of any other kernel.
+    Return its values and their tangents. If those first arguments have tangents, too, the rule of
+    `_KERNEL` is applied.
     """
     if any(not internals.is_zero_tangent(t) for t in tangents[:known]):
         return _kernel_jvp(primals, tangents, program=program)
@@ -158,7 +159,10 @@ def _linear_kernel_jvp(primals, tangents, *, program, known):
 
 @without_garbage_collection()
 def _linear_kernel_transpose(back, *arguments, program, **_):
-    """Transpose rule of `_LINEAR_KERNEL`: return the cotangents of its linear arguments."""
+    """Transpose rule of `_LINEAR_KERNEL`: return the cotangents of its linear arguments.
+
+    `back` has the cotangents of the results. The list has None for arguments that are known.
+    """
     sought = [k for k, x in enumerate(arguments) if internals.is_undefined_primal(x)]
     asked = [k for k, x in enumerate(back) if not internals.is_zero_tangent(x)]
     if not asked:
@@ -201,7 +205,7 @@ def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
 
 
 def _run_program(*leaves, program, **_):
-    """Return the results of a program without the loop, for calls outside of `jax.jit`."""
+    """Return the results of `program` at `leaves` without the loop, for calls outside `jax.jit`."""
     return function_of_jaxpr(program)(*leaves)
 
 

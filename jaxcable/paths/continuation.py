@@ -66,7 +66,10 @@ def follow_path(
 
 
 def _initial_state(problem, code):
-    """Return the `PathState` before the first step, at load factor 0, with empty records."""
+    """Return the `PathState` before the first step, at load factor 0, with empty records.
+
+    `problem` is the `PathProblem`; `code` the status so far: the path is done unless it is OK.
+    """
     ramp, begin, settings = problem.ramp, problem.begin, problem.settings
     n_point, n_event = problem.capacity
     dtype = ramp.start.motion.dtype

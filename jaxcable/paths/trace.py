@@ -158,7 +158,10 @@ def _first_entries(tree, count):
 
 
 def check_path_settings(structure, until, down_to, step, largest, tol, through):
-    """Check the options of `trace_path`; return them as `PathSettings`. ValueError if invalid."""
+    """Return the options of `trace_path` as `PathSettings`, in the dtype of the structure's nodes.
+
+    Raises ValueError for known numbers that break a rule.
+    """
     dtype = jnp.result_type(structure.nodes)
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
@@ -170,7 +173,14 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
 
 @functools.partial(as_program, static=("capacity", "bundles"))
 def _trace_compiled(without_indices, index_arrays, method, settings, code, capacity, bundles):
-    """Trace a path; return `TracedPath` of full length, numbers of points and events; a program."""
+    """Return the `TracedPath` of full length, and the numbers of points and events in it.
+
+    Args:
+        without_indices, index_arrays, bundles: structure and phases, from `preparation.prepare`.
+        method, settings: `Newton` and `PathSettings`.
+        code: status of the phases before.
+        capacity: largest numbers of points and events.
+    """
     parameters = merge_indices(without_indices, index_arrays)
     code = status.first_failure(code, traced_input_status(parameters, method, settings)[1][0])
     nodes, groups, restart, schedule = complete_input(parameters, bundles)

@@ -18,7 +18,10 @@ _PROBES = 10  # at most: products with the matrix
 
 
 def difference_step(dtype: np.dtype) -> float:
-    """Return the distance of a probe, which is the error of the curvature, too."""
+    """Return the distance between points whose gradients are subtracted, in standard normal space.
+
+    The error of a curvature is of this size.
+    """
     return 1e-2 if dtype == np.float32 else 1e-3
 
 

@@ -78,7 +78,7 @@ class Distribution:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on mean and scatter."""
+        """Return the conditions on mean and scatter, and `own_rules`, a list of `Rule`."""
         rules = [positive("deviation", self.deviation), positive("variation", self.variation)]
         if self.variation is not None:
             text = "is zero, which a coefficient of variation cannot refer to; give a deviation"
@@ -86,12 +86,12 @@ class Distribution:
         return [*rules, *self.own_rules()]
 
     def own_rules(self) -> list[Rule]:
-        """Return further conditions of this kind of distribution."""
+        """Return further conditions of this kind of distribution, a list of `Rule`."""
         return []
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the quantity."""
+        """Shape of the quantity, that of mean and scatter broadcast together."""
         scatter: Any = self.deviation if self.variation is None else self.variation
         return np.broadcast_shapes(jnp.shape(self.mean), jnp.shape(scatter))
 
@@ -114,11 +114,17 @@ class Distribution:
         return self.to_normal(*self._mean_and_deviation(), jnp.asarray(x))
 
     def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
-        """Return the values of standard normal values `u`, for arrays of one shape."""
+        """Return the values x with ``F(x) = Phi(u)`` of standard normal values `u`.
+
+        All arrays have one shape; `deviation` is the standard deviation.
+        """
         raise NotImplementedError(f"{type(self).__name__}.from_normal")
 
     def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
-        """Return the standard normal values of values `x`, for arrays of one shape."""
+        """Return the standard normal values u with ``Phi(u) = F(x)`` of values `x`.
+
+        All arrays have one shape; `deviation` is the standard deviation.
+        """
         raise NotImplementedError(f"{type(self).__name__}.to_normal")
 
 
@@ -138,11 +144,11 @@ class Normal(Distribution):
     """
 
     def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
-        """Return ``mean + deviation u``."""
+        """Return the values of standard normal values `u`, ``mean + deviation u``."""
         return mean + deviation * u
 
     def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
-        """Return ``(x - mean) / deviation``."""
+        """Return the standard normal values of values `x`, ``(x - mean) / deviation``."""
         return (x - mean) / deviation
 
 
@@ -166,12 +172,12 @@ class Lognormal(Distribution):
         return [positive("mean", self.mean)]
 
     def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
-        """Return ``exp(E[log X] + D[log X] u)``."""
+        """Return the values of standard normal values `u`, ``exp(E[log X] + D[log X] u)``."""
         square = jnp.log1p((deviation / mean) ** 2)
         return mean * jnp.exp(jnp.sqrt(square) * u - square / 2)
 
     def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
-        """Return ``(log x - E[log X]) / D[log X]``; NaN where x is negative."""
+        """Return ``(log x - E[log X]) / D[log X]``, standard normal; NaN where x is negative."""
         square = jnp.log1p((deviation / mean) ** 2)
         return (jnp.log(x / mean) + square / 2) / jnp.sqrt(square)
 
@@ -193,7 +199,7 @@ class Gumbel(Distribution):
     """
 
     def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
-        """Return ``b - log(-log Phi(u)) / a``."""
+        """Return the values of standard normal values `u`, ``b - log(-log Phi(u)) / a``."""
         scale = deviation * math.sqrt(6) / math.pi
         low = u < 0  # each branch sees its own half only: no NaN in derivatives
         lower = jnp.where(low, u, -1.0)
@@ -206,7 +212,7 @@ class Gumbel(Distribution):
         return mean - scale * (np.euler_gamma + loglog)
 
     def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
-        """Return the standard normal value of the smaller one of F and 1 - F."""
+        """Return the standard normal values of values `x`, by the smaller one of F and 1 - F."""
         scale = deviation * math.sqrt(6) / math.pi
         minus_log = jnp.exp(-((x - mean) / scale + np.euler_gamma))  # -log F(x)
         high = minus_log < math.log(2)
@@ -228,12 +234,12 @@ class Uniform(Distribution):
     """
 
     def from_normal(self, mean: _Values, deviation: _Values, u: _Values) -> Float[Array, " ..."]:
-        """Return the value, counted from the nearer bound."""
+        """Return the values of standard normal values `u`, counted from the nearer bound."""
         half = math.sqrt(3) * deviation
         return jnp.where(u < 0, mean - half + 2 * half * ndtr(u), mean + half - 2 * half * ndtr(-u))
 
     def to_normal(self, mean: _Values, deviation: _Values, x: _Values) -> Float[Array, " ..."]:
-        """Return the standard normal value, from the nearer bound; NaN outside of the bounds."""
+        """Return the standard normal values of values `x`; NaN outside of the bounds."""
         half = math.sqrt(3) * deviation
         low, high = (x - (mean - half)) / (2 * half), ((mean + half) - x) / (2 * half)
         nearer = jnp.where(low < high, low, high)

@@ -42,7 +42,7 @@ class DesignPoint(NamedTuple):
     direction: Float[np.ndarray, " n"]
 
     def estimated_error(self) -> float:
-        """Return the distance from the minimum: the misalignment over the curvature."""
+        """Return the estimated distance from the minimum: the misalignment over the curvature."""
         return self.point.misalignment() / self.curvature_within_limits()
 
     def curvature_within_limits(self) -> float:
@@ -55,7 +55,7 @@ class DesignPoint(NamedTuple):
         return min(max(np.nan_to_num(self.curvature, nan=1.0), _LEAST_CURVATURE), 1.0)
 
 
-class Outcome(NamedTuple):
+class ExplorationOutcome(NamedTuple):
     """What is known of a limit state after the search for all its design points.
 
     Attributes:
@@ -109,9 +109,9 @@ class Exploration:
 
     @np.errstate(all="ignore")
     def run(self, most: int) -> None:
-        """Search from the start, then from others, until `most` points are known."""
+        """Search from the start, then from other points, until `most` design points are known."""
         ends: list[Any] = []
-        for start, is_bulged in self._starts():
+        for start, is_bulged in self._start_points():
             ends.append(self._find_point(start, is_bulged, _FURTHER_TRIALS if ends else np.inf))
             goes_on = self.found or ends[0].code in (status.STATIONARY, status.NOT_NEAREST)
             if not goes_on or len(self.found) == most:
@@ -126,28 +126,28 @@ class Exploration:
                 self.points = [one for one in near if one.point.falls_outward() == falls]
                 self.code, self.last = status.OK, first.u
 
-    def outcome(self, rows: int) -> Outcome:
-        """Return the `Outcome` with as many rows of points, one at least."""
+    def outcome(self, rows: int) -> ExplorationOutcome:
+        """Return the outcome, with exactly `rows` rows of points, NaN in unused ones."""
 
         vector, number = np.full_like(self.start, np.nan), self.start.dtype.type(np.nan)
         none = DesignPoint(Point(vector, number, vector), number, vector)
         nearest, *_ = every = (self.points + [none] * rows)[:rows]
         numbers = self.code, self.iterations, self.evaluations, self.failures
-        return Outcome._make(
+        return ExplorationOutcome._make(
             [
                 *(np.array(number, np.int32) for number in numbers),
-                *(nearest.point.distance(), nearest.estimated_error(), self.last),
+                *(nearest.point.distance_to_limit_state(), nearest.estimated_error(), self.last),
                 jax.tree.map(lambda *parts: np.stack(parts), *every),
             ]
         )
 
-    def _starts(self):
+    def _start_points(self):
         """Yield where searches begin, and whether with a bulged surface, until they find nothing.
 
         They begin at the user's start and the origin; opposite to the first point, and beside it on
         either side in the direction in which the surface bends most; then on bulged surfaces.
         """
-        start, (somewhere, aside, inside) = self.start, _spread_directions(self.start)
+        start, (somewhere, aside, inside) = self.start, _fixed_random_directions(self.start)
         yield start, False
         if start.any():
             yield np.zeros_like(start), False
@@ -166,7 +166,15 @@ class Exploration:
             yield _INSIDE * self.found[0].point.scale() * inside, True
 
     def _find_point(self, start, is_bulged, trials):
-        """Search for a design point from a start, and include it; return the end of the search."""
+        """Search for a design point from `start`, [n], and add it to those found if it is new.
+
+        Args:
+            is_bulged: whether to search first with the surface bulged out around known points.
+            trials: largest number of evaluations.
+
+        Returns:
+            The `SearchEnd` of the last search.
+        """
         known = [one.point for one in self.found]
         if is_bulged:
             end = self._search(self._bulged_at, self._bulged_at(start), self.tol, _BULGED_TRIALS)
@@ -195,13 +203,17 @@ class Exploration:
         return end
 
     def _search(self, evaluate, point, tol, trials, known=()):
-        """Return the end of a search from a point."""
+        """Return the `SearchEnd` of `search_from`, whose arguments these are; count iterations."""
         end = search_from(evaluate, point, tol, self.steps, trials, known)
         self.iterations += end.iterations
         return end
 
     def _point_at(self, u):
-        """Return the `Point` at u."""
+        """Evaluate limit state and gradient at u, [n]: return the `Point`.
+
+        It is counted, and so is the least distance from the origin of points that fail or
+        not.
+        """
         point = Point(u, *self.limit_state(u))
         self.evaluations += 1
         self.failures += not point.is_finite()
@@ -223,7 +235,7 @@ class Exploration:
         return Point(u, value, gradient)
 
 
-def _spread_directions(like):
-    """Return three unit vectors in no particular direction."""
+def _fixed_random_directions(like):
+    """Return three unit vectors in random directions, always the same, [3, n], for `like` [n]."""
     rows = np.random.default_rng(1).standard_normal((3, like.size))
     return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(like.dtype)

@@ -122,37 +122,37 @@ def first_order(
     begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
     task = trace_limit_state(limit_state, quantities, tuple(args)), quantities, tuple(args)
     problem = *task, begin, tol
-    search = functools.partial(_search, steps=steps, points=points)
+    search = functools.partial(_search_design_points, steps=steps, points=points)
     if is_top_level_call(jax.tree.leaves(problem)):
         return search(problem, rows=None)[0]
-    unknown = Exploration(_evaluate, np.zeros(quantities.size, dtype), 0.0, steps)
-    every = [unknown] * _count(task[0])
-    like = jax.eval_shape(functools.partial(_results, every, rows=points), task[0], quantities)
+    unknown = Exploration(_limit_state_and_gradient, np.zeros(quantities.size, dtype), 0.0, steps)
+    every = [unknown] * _count_limit_states(task[0])
+    like = jax.eval_shape(functools.partial(_make_results, every, rows=points), task[0], quantities)
     search = functools.partial(search, rows=points)
     return _with_derivatives(*run_search(search, without_derivatives(problem), like), *task)
 
 
-def _vector(limit_state, quantities, args, u):
-    """Return all limit states at u."""
+def _limit_states(limit_state, quantities, args, u):
+    """Return all limit states at u, [n], as a vector [m]; `args` are their further arguments."""
     return limit_state_vector(limit_state(quantities.values_at(u), *args))
 
 
 @as_program
-def _evaluate(limit_state, number, quantities, args, u):
-    """Return one of the limit states, the one with this number, at the point u, and its gradient.
+def _limit_state_and_gradient(limit_state, number, quantities, args, u):
+    """Return the limit state with index `number`, and its gradient [n], at the point u, [n].
 
-    `limit_state` is a `TracedFunction`; the gradient is [n].
+    `limit_state` is a `TracedFunction` of values by name and of `args`.
     """
-    return jax.value_and_grad(lambda u: _vector(limit_state, quantities, args, u)[number])(u)
+    return jax.value_and_grad(lambda u: _limit_states(limit_state, quantities, args, u)[number])(u)
 
 
 @as_program
-def _is_valid(quantities, tol):
-    """Return whether the numbers of a problem keep their rules."""
+def _is_problem_valid(quantities, tol):
+    """Return whether the numbers of all quantities, and the tolerance, keep their rules."""
     return quantities.are_valid() & is_valid_tolerance(tol)
 
 
-def _search(problem, *, steps, points, rows):
+def _search_design_points(problem, *, steps, points, rows):
     """Search for the design points of all limit states, one after the other.
 
     Return the `FirstOrder`, without derivatives, and the `Point` of every design point, in as many
@@ -160,11 +160,11 @@ def _search(problem, *, steps, points, rows):
     """
     limit_state, quantities, args, begin, tol = problem
     begin, tol = np.asarray(begin), np.asarray(tol)[()]
-    is_valid, every = _is_valid(quantities, tol), []
-    for number in range(_count(limit_state)):
+    is_valid, every = _is_problem_valid(quantities, tol), []
+    for number in range(_count_limit_states(limit_state)):
 
         def evaluate(u, number=number):
-            found = _evaluate(limit_state, np.int32(number), quantities, args, u)
+            found = _limit_state_and_gradient(limit_state, np.int32(number), quantities, args, u)
             value, gradient = map(np.asarray, found)
             return value[()], gradient
 
@@ -175,25 +175,31 @@ def _search(problem, *, steps, points, rows):
             by_name = [{name: np.zeros(shape)} for name, shape in quantities.layout]
             warn_of_undefined_derivative(*evaluate(begin), params=by_name)
     rows = rows or max(1, *(len(one.points) for one in every))
-    return _results(every, limit_state, quantities, rows=rows)
+    return _make_results(every, limit_state, quantities, rows=rows)
 
 
-def _count(limit_state):
-    """Return the number of limit states."""
+def _count_limit_states(limit_state):
+    """Return how many limit states a `TracedFunction` returns."""
     return sum(x.size for x in jax.tree.leaves(limit_state.result))
 
 
-def _results(explorations, limit_state, quantities, *, rows):
-    """Return the `FirstOrder`, without derivatives, and the `Point` of every design point."""
+def _make_results(explorations, limit_state, quantities, *, rows):
+    """Return the `FirstOrder`, without derivatives, and the `Point` of every design point.
+
+    `explorations` has one `Exploration` for each limit state, of which `rows` points are kept.
+    """
     outcomes = [one.outcome(rows) for one in explorations]
     outcome = jax.tree.map(lambda *parts: np.stack(parts), *outcomes)
     names = names_of_outcome(limit_state.result)
-    return _result(outcome, quantities, names=names), outcome.points.point
+    return _make_result(outcome, quantities, names=names), outcome.points.point
 
 
 @functools.partial(as_program, static=("names",))
-def _result(outcome, quantities, *, names):
-    """Return the `FirstOrder`, without derivatives, of an `Outcome` with a leading axis [m]."""
+def _make_result(outcome, quantities, *, names):
+    """Return the `FirstOrder`, without derivatives, of an `ExplorationOutcome` with an axis [m].
+
+    `names` are those of the limit states; None for a single one, without that axis.
+    """
     found = jax.vmap(functools.partial(_result_of_one, quantities))(outcome)
     if names is None:
         found = jax.tree.map(lambda leaf: leaf[0], found)
@@ -201,7 +207,7 @@ def _result(outcome, quantities, *, names):
 
 
 def _result_of_one(quantities, outcome):
-    """Return the `FirstOrder`, without derivatives, of one limit state."""
+    """Return the `FirstOrder`, without derivatives, of one limit state's `ExplorationOutcome`."""
     layout, factor = quantities.layout, quantities.factor()
     points = outcome.points
     alphas, betas = (jax.vmap(of)(points.point) for of in (Point.alpha, Point.beta))
@@ -230,5 +236,8 @@ def _result_of_one(quantities, outcome):
 
 @as_program
 def _with_derivatives(found, points, *task):
-    """Return a result with the derivatives that it has by the task, and NaN for all others."""
-    return with_derivatives(_vector, found, points, task)
+    """Return `found`, a `FirstOrder`, with its derivatives by the numbers of `task`, else NaN ones.
+
+    `points` are all design points; `task` is (limit state, quantities, arguments).
+    """
+    return with_derivatives(_limit_states, found, points, task)

@@ -37,7 +37,7 @@ def with_derivatives(
         task: tuple of pytrees.
     """
     shape, *each = found.points.beta.shape, *points.gradient.shape[:2]
-    betas = _indices(function, found.points.beta.reshape(each), points, task).reshape(shape)
+    betas = _beta_indices(function, found.points.beta.reshape(each), points, task).reshape(shape)
     several = jnp.sum(~rows_without_point(betas), axis=-1) > 1
     alone = ndtr(-betas[..., 0])
     undefined = jnp.where(several, jnp.nan, 0.0)
@@ -51,10 +51,11 @@ def with_derivatives(
     )
 
 
-def _indices(function, betas, points, task):
-    """Return the indices of all design points, [m, k]: derivatives of limit states over slopes.
+def _beta_indices(function, betas, points, task):
+    """Return the reliability indices of all design points, [m, k], with their derivatives.
 
-    The index of a row without a point, beside others with points, is NaN and has no derivative.
+    These are those of the limit states over their slopes. The index of a row without a point,
+    beside others with points, is NaN and has no derivative.
     """
     absent = jnp.isnan(betas) & ~jnp.isnan(betas[:, :1])
     # there the first point: a NaN would enter the derivatives of others
@@ -78,20 +79,20 @@ def _indices(function, betas, points, task):
 
 
 def _without_derivative(leaf, task):
-    """Return a result of a task, whose derivative by it is NaN if it is one of floats."""
+    """Return a result of a task; a float one has NaN as its derivative by the task."""
     is_float = jnp.issubdtype(leaf.dtype, jnp.floating)
     return _with_tangent(leaf, jnp.nan, task) if is_float else leaf
 
 
 @jax.custom_jvp
 def _over_slope(change, slope):
-    """Return ``change / slope`` for a change that is zero and has a derivative."""
+    """Return ``change / slope`` for a `change` whose value is zero: only its derivative counts."""
     return change
 
 
 @_over_slope.defjvp
 def _over_slope_jvp(primals, tangents):
-    """Rule of `_over_slope`: the slope has no part in the first derivative."""
+    """JVP rule of `_over_slope`: tangent of the change over the slope, which counts as constant."""
     return _over_slope(*primals), tangents[0] / primals[1]
 
 
@@ -103,7 +104,10 @@ def _with_tangent(leaf, factor, task):
 
 @_with_tangent.defjvp
 def _with_tangent_jvp(primals, tangents):
-    """Rule of `_with_tangent`."""
+    """JVP rule of `_with_tangent`: return the leaf, and `factor` times the sum of all tangents.
+
+    Tangents of integers in the task do not count.
+    """
     leaf, factor, _ = primals
     floats = [t for t in jax.tree.leaves(tangents[2]) if jnp.issubdtype(t.dtype, jnp.floating)]
     total = sum((jnp.sum(t) for t in floats), jnp.zeros(()))

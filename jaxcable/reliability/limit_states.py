@@ -23,7 +23,10 @@ def require_limit_state(limit_state: Any) -> None:
 
 
 def limit_state_vector(outcome: Any) -> Float[Array, " m"]:
-    """Return what a limit state function has returned as a vector; ValueError if that cannot be."""
+    """Return what a limit state function has returned as a vector, [m], sorted by name if named.
+
+    ValueError if it is no scalar float, vector or dict of scalars.
+    """
     parts = outcome.values() if isinstance(outcome, dict) else [outcome]
     allowed = (0,) if isinstance(outcome, dict) else (0, 1)
     for part in parts:
@@ -44,7 +47,10 @@ def limit_state_vector(outcome: Any) -> Float[Array, " m"]:
 
 
 def names_of_outcome(outcome: Any) -> tuple[str, ...] | None:
-    """Return the names of limit states, from what their function has returned as arrays."""
+    """Return the names of limit states from what their function returned: a dict's sorted keys.
+
+    Those of a vector are "0", "1" and so on; None for a scalar.
+    """
     if isinstance(outcome, dict):
         return tuple(sorted(outcome))
     shape = jnp.shape(outcome)

@@ -88,7 +88,7 @@ class Quantities:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the condition on the correlation matrix."""
+        """Return the condition on the correlation matrix, a list with one `Rule`."""
         text = "must be symmetric and positive definite, with ones on its diagonal"
         return [
             Rule("correlation", self.correlation, lambda matrix: ~_is_correlation(matrix), text)
@@ -100,11 +100,11 @@ class Quantities:
         return sum(int(np.prod(shape)) for _, shape in self.layout)
 
     def are_valid(self) -> Bool[Array, ""]:
-        """Return whether all numbers keep their rules; for traced ones."""
+        """Return whether all numbers, which may be traced, keep their rules; scalar bool."""
         return are_rules_kept(collect_rules(self))
 
     def factor(self) -> Float[Array, "n n"] | None:
-        """Return Cholesky's factor of the correlation matrix; None if there is none."""
+        """Return the lower Cholesky factor of the correlation matrix; None if there is none."""
         return (
             None if self.correlation is None else unbatched.cholesky(jnp.asarray(self.correlation))
         )
@@ -140,12 +140,12 @@ class Quantities:
 
 
 def as_quantities(quantities: Quantities | Mapping[str, Distribution]) -> Quantities:
-    """Return `Quantities`, of a dict independent ones."""
+    """Return `Quantities` unchanged, or those of a dict of independent distributions by name."""
     return quantities if isinstance(quantities, Quantities) else Quantities(quantities)
 
 
 def split_by_name(layout: Layout, flat: Float[Array, "... n"]) -> dict[str, Float[Array, " ..."]]:
-    """Return the entries of a vector by the names of the quantities, in their shapes.
+    """Return the entries of a vector, [..., n], by the names of the quantities, in their shapes.
 
     Leading axes are kept.
     """
@@ -160,7 +160,7 @@ def split_by_name(layout: Layout, flat: Float[Array, "... n"]) -> dict[str, Floa
 def join_by_name(
     layout: Layout, parts: Mapping[str, Float[ArrayLike, " ..."]]
 ) -> Float[Array, "... n"]:
-    """Return the vector whose entries `split_by_name` has split."""
+    """Return values by name as one vector, [..., n], in the order of `layout`."""
     flat = []
     for name, shape in layout:
         part = jnp.asarray(parts[name])
@@ -170,7 +170,10 @@ def join_by_name(
 
 
 def _matrix_of_pairs(pairs, layout):
-    """Return the correlation matrix of numbers for pairs of names."""
+    """Return the correlation matrix [n, n] with numbers for pairs of names; zero for other pairs.
+
+    Raises ValueError for an unknown name, or that of an array.
+    """
     first, begin = {}, 0
     for name, shape in layout:
         first[name] = begin if shape == () else None
@@ -198,7 +201,7 @@ def _matrix_of_pairs(pairs, layout):
 
 
 def _is_correlation(matrix):
-    """Return whether a matrix is one of correlations, known or traced."""
+    """Return whether a matrix is symmetric, with a unit diagonal, and positive definite; bool."""
     near = 1e-6 if matrix.dtype == np.float32 else 1e-12
     shaped = (abs(matrix - matrix.T) <= near).all() & (abs(matrix.diagonal() - 1) <= near).all()
     if isinstance(matrix, np.ndarray):

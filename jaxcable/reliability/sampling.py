@@ -129,13 +129,13 @@ def importance_sampling(
         raise ValueError(f"spread = {spread}: must be positive and finite")
     if is_tracing() or any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(quantities)):
         raise ValueError("importance_sampling: is being traced; call it outside of jit and grad")
-    centers, shares = _mixture(center, quantities)
+    centers, shares = _mixture_components(center, quantities)
     if not isinstance(key, jax.Array):
         checks.require_whole_number(key, "key", 0)
         key = jax.random.key(key)
     generator, key = str(jax.random.key_impl(key)), jax.random.key_data(key)
     traced = trace_limit_state(limit_state, quantities, tuple(args))
-    one = functools.partial(_vector, traced, args)
+    one = functools.partial(_limit_states, traced, args)
     evaluate = batched(one, chunk, devices=devices)
     size = min(samples, max(_ROUND, chunk or 1))
     rounds = -(-samples // size)
@@ -144,7 +144,7 @@ def importance_sampling(
     for number in range(rounds):
         count = min(size, samples - number * size)
         draw = key, np.uint32(number), centers, shares, spread
-        values, weight = _draw(quantities, *draw, count=size, generator=generator)
+        values, weight = _draw_samples(quantities, *draw, count=size, generator=generator)
         g = np.asarray(evaluate(values))[:count]
         weight = np.asarray(weight, float)[:count, None]
         violated = (g < 0).any(axis=1, keepdims=True)
@@ -155,11 +155,20 @@ def importance_sampling(
         )
         rows = np.flatnonzero(unknown)[: _LISTED - sum(len(part[0]) for part in unknown_values)]
         unknown_values.append([np.asarray(values[name])[rows] for name, _ in quantities.layout])
-    return _summary(sums, samples, quantities, unknown_values)
+    return _make_sampling(sums, samples, quantities, unknown_values)
 
 
-def _summary(sums, samples, quantities, unknown_values):
-    """Return `Sampling` from the sums of weights, their squares and the counts of all events."""
+def _make_sampling(sums, samples, quantities, unknown_values):
+    """Return the `Sampling` from sums over all samples.
+
+    Args:
+        sums: for each event the sum of weights, that of their squares, and the count,
+            [3, n_event]. Events are: a limit state is violated; one is violated or the outcome
+            unknown; it is unknown; then, for each limit state, it is violated; it is NaN.
+        samples: number of samples.
+        quantities: the `Quantities`.
+        unknown_values: values of samples with unknown outcome, for each round a list by quantity.
+    """
     mean, square, counts = sums[0] / samples, sums[1] / samples, sums[2].astype(int)
     low, high = float(mean[0]), float(mean[1])
     n_violated, n_unknown = int(counts[0]), int(counts[2])
@@ -181,8 +190,11 @@ def _summary(sums, samples, quantities, unknown_values):
     )
 
 
-def _mixture(center, quantities):
-    """Return the centers of the mixture, [k, n], and the share of the samples of each, [k]."""
+def _mixture_components(center, quantities):
+    """Return the centers of a mixture of normal samples, [k, n], and their shares of samples, [k].
+
+    `center` is as of `importance_sampling`; None gives the origin.
+    """
     if center is None:
         return np.zeros((1, quantities.size)), np.ones(1)
     betas, alphas = stacked_results(center, "center")
@@ -197,11 +209,15 @@ def _mixture(center, quantities):
 
 
 @functools.partial(as_program, static=("count", "generator"))
-def _draw(quantities, key, number, centers, shares, spread, *, count, generator):
-    """Return values of the quantities and weights of `count` samples of the mixture.
+def _draw_samples(quantities, key, number, centers, shares, spread, *, count, generator):
+    """Return values by name, and weights, of `count` samples of a mixture of normal distributions.
 
-    `key` has the numbers of a key of this `generator`; `number` is that of the round, which has
-    random numbers of its own.
+    Args:
+        quantities: the `Quantities`.
+        key: data of a random key of this `generator`.
+        number: index of the round, which has random numbers of its own.
+        centers, shares: as of `_mixture_components`.
+        spread: standard deviation around the centers.
     """
     key = jax.random.wrap_key_data(key, impl=generator)
     which, normal = jax.random.split(jax.random.fold_in(key, number))
@@ -213,6 +229,6 @@ def _draw(quantities, key, number, centers, shares, spread, *, count, generator)
     return jax.vmap(quantities.values_at)(u), weight
 
 
-def _vector(limit_state, args, values):
-    """Return all limit states for values by name, as a vector."""
+def _limit_states(limit_state, args, values):
+    """Return all limit states for values of the quantities by name, as a vector [m]."""
     return limit_state_vector(limit_state(values, *args))

@@ -36,43 +36,49 @@ class Point(NamedTuple):
     gradient: Float[np.ndarray, " n"]
 
     def is_finite(self) -> bool:
-        """Return whether limit state and gradient are finite."""
+        """Return whether limit state and gradient are finite numbers at the point."""
         return bool(np.isfinite(self.value) and np.isfinite(self.gradient).all())
 
     def radius(self) -> float:
-        """Return the distance from the origin."""
+        """Return the distance of the point from the origin of standard normal space."""
         return _norm(self.u)
 
     def scale(self) -> float:
-        """Return the distance from the origin, at least 1, of which tolerances are parts."""
+        """Return the distance from the origin, at least 1, by which tolerances are multiplied."""
         return max(_norm(self.u), 1.0)
 
     def slope(self) -> float:
-        """Return the length of the gradient."""
+        """Return the length of the gradient of the limit state, ``|dG/du|``."""
         return _norm(self.gradient)
 
     def alpha(self) -> Float[np.ndarray, " n"]:
-        """Return the unit vector along which the limit state falls."""
+        """Return the unit vector along which the limit state falls, [n]."""
         return -self.gradient / self.slope()
 
     def beta(self) -> float:
-        """Return the distance of the linearized surface, negative if the origin fails."""
+        """Return the distance of the linearized limit state surface from the origin.
+
+        Negative if the linearized limit state is violated at the origin.
+        """
         return self.alpha() @ self.u + self.value / self.slope()
 
-    def distance(self) -> float:
-        """Return the distance to the surface, to first order."""
+    def distance_to_limit_state(self) -> float:
+        """Return the distance to the limit state surface, to first order: ``|G| / |dG/du|``."""
         return abs(self.value) / self.slope()
 
     def misalignment(self) -> float:
-        """Return the length of the part of u that is not along the gradient."""
+        """Return the distance of the point from the line through the origin along the gradient."""
         return _norm(self.u - (self.alpha() @ self.u) * self.alpha())
 
     def falls_outward(self) -> bool:
-        """Return whether the limit state falls away from the origin."""
+        """Return whether the limit state decreases in the direction away from the origin."""
         return bool(self.gradient @ self.u < 0)
 
     def is_near(self, others: Sequence[Point]) -> bool:
-        """Return whether it is the same design point as one of others, to within 5 %."""
+        """Return whether a point is the same design point as one of others.
+
+        It is if their distance is below 5 % of that from the origin (at least 1).
+        """
         return any(_norm(self.u - other.u) < _APART * self.scale() for other in others)
 
 
@@ -126,22 +132,29 @@ def search_from(
 
 
 def _status_at(point, iterations, steps, tol):
-    """Return the status with which a search ends at a point; None if it goes on."""
+    """Return the status with which a search ends at a point; None if it goes on.
+
+    `iterations` have been made, of `steps` allowed; `tol` is as of `search_from`.
+    """
     allowed = tol * point.scale()
     if point.slope() == 0:
         return status.STALLED if iterations else status.STATIONARY
-    if point.distance() <= allowed and point.misalignment() <= allowed:
+    if point.distance_to_limit_state() <= allowed and point.misalignment() <= allowed:
         return status.OK
     return status.OUT_OF_STEPS if iterations == steps else None
 
 
 def _full_step(point):
-    """Return the step to the nearest point of the linearized surface."""
+    """Return the step, [n], to the nearest point of the linearized limit state surface."""
     return point.beta() * point.alpha() - point.u
 
 
 def _is_accepted(trial, point, length, tol):
-    """Return whether a part of the full step from a point lowers the merit as promised."""
+    """Return whether `trial`, at a part `length` of the full step from `point`, lowers the merit.
+
+    It must do so by a part of what the linearized limit state promises (Armijo); `tol` is the
+    tolerance of the search.
+    """
     step = _full_step(point)
     # of both ends: the origin needs one, and a larger one where the surface is met, as of the ratio
     # of goal and limit state, would forbid to go along a curved surface
@@ -154,5 +167,5 @@ def _is_accepted(trial, point, length, tol):
 
 
 def _norm(vector):
-    """Return the length of a vector."""
+    """Return the Euclidean length of a vector."""
     return (vector @ vector) ** 0.5

@@ -91,11 +91,14 @@ def series_system(results: FirstOrder | Sequence[FirstOrder]) -> SeriesSystem:
 
 @as_program
 def union_bounds(betas: Float[Array, " m"], alphas: Float[Array, "m n"]) -> SeriesSystem:
-    """Return `SeriesSystem` of linear limit states ``beta - alpha . u``."""
+    """Return the `SeriesSystem` of m linear limit states ``beta - alpha . u``.
+
+    `betas` are their reliability indices, `alphas` unit vectors.
+    """
     # rounding alone can leave this range: rows of `alphas` are unit vectors
     correlation = jnp.clip(alphas @ alphas.T, -1.0, 1.0)
     alone = ndtr(-betas)
-    both = _both_violated(betas[:, None], betas[None, :], correlation)
+    both = _joint_exceedance_probability(betas[:, None], betas[None, :], correlation)
     diagonal = np.eye(len(betas), dtype=bool)
     pairs = jnp.where(diagonal, alone[:, None], both)
     order = jnp.argsort(-alone)  # the bounds are narrower with the largest first
@@ -156,7 +159,7 @@ def rows_without_point(beta: Float[Array, "*m k"]) -> Bool[Array, "*m k"]:
     return further & (jnp.isnan(first) | jnp.isnan(beta) | (first < 0))
 
 
-def _both_violated(first, second, correlation):
+def _joint_exceedance_probability(first, second, correlation):
     """Return the probability that two normal variables are above `first` and `second`.
 
     It is ``Phi(-first) Phi(-second)`` plus the integral of the bivariate density over the

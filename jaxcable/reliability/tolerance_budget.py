@@ -113,8 +113,8 @@ def tolerance_budget(
     inputs, arrange = ravel_pytree(jax.tree.map(lambda x: jnp.zeros(jnp.shape(x)), like))
     matrix = np.abs(np.asarray(flat_matrix(jacobian, like)))
     results = propagate_tolerances(jacobian, arrange(inputs))[0]  # zeros in their shape
-    limits = _flat_positive(allowed, results, "allowed")
-    costs = _flat_positive(1.0 if cost is None else cost, like, "cost")
+    limits = _flat_positive_values(allowed, results, "allowed")
+    costs = _flat_positive_values(1.0 if cost is None else cost, like, "cost")
     if np.isnan(matrix).any():
         raise ValueError("jacobian: is NaN, as where the analysis has failed")
     scaled = matrix / limits[:, None]  # contribution of a unit tolerance, over what is allowed
@@ -129,7 +129,7 @@ def tolerance_budget(
     if choice == "cheapest":
         begin = tolerance[felt]
         share = (scaled[:, felt] * begin) ** power
-        tolerance[felt] = begin * _least_cost(share, costs[felt] / begin, power)
+        tolerance[felt] = begin * _least_cost_factors(share, costs[felt] / begin, power)
     finite = np.where(felt, tolerance, 0.0)
     deviation = propagate_tolerances(jacobian, arrange(jnp.asarray(finite)))[power == 2]
     contribution = (matrix * finite) ** power
@@ -145,8 +145,12 @@ def tolerance_budget(
     )
 
 
-def _flat_positive(value, tree, name):
-    """Return a number for every entry of a pytree, flattened, from a prefix of it."""
+def _flat_positive_values(value, tree, name):
+    """Return a number for every entry of a pytree, flattened, from `value`, a prefix of it.
+
+    Raises ValueError, which begins with `name`, for other shapes and for numbers that are not
+    positive.
+    """
     if isinstance(value, list) and not isinstance(tree, list):
         value = checks.as_floats(value, name)
     try:
@@ -166,7 +170,7 @@ def _flat_positive(value, tree, name):
     return np.concatenate(flat).astype(float)
 
 
-def _least_cost(share, costs, power):
+def _least_cost_factors(share, costs, power):
     """Return the factors of tolerances of least cost, by a primal-dual interior-point method.
 
     Minimize ``sum_j c_j x_j^(-1/p)`` over x, the power p of the factors, subject to

@@ -59,7 +59,11 @@ def normal_correlation(
 
 @as_program
 def _correlation_of_normals(quantities, wanted):
-    """Return the result of `normal_correlation`."""
+    """Return the correlation matrix of the normal variables, [n, n], by Newton's method (Mehler).
+
+    `wanted` is that of the quantities, [n, n]; NaN where no correlation of normal variables
+    gives it.
+    """
     n = quantities.size
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     every = jnp.broadcast_to(jnp.asarray(nodes)[:, None], (_NODES, n))

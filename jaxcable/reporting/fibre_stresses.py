@@ -20,7 +20,7 @@ from ..model.structure import Structure
 from ..results import fibre_stress
 from ..results.interpolation import (
     acting_point_loads,
-    forces_of_loads_on_pieces,
+    forces_between_point_loads,
     forces_of_point_loads,
 )
 from . import extremes
@@ -223,7 +223,7 @@ def _extremes_of_linear_fibres(group, points, fibres, places, loads):
 
     smooth = fibres - stress_of(forces_of_point_loads(loads, length, places[None]))
     ends = extremes.cut_places(whole, loads[..., 0])
-    starts, stops = forces_of_loads_on_pieces(loads, length, ends)
+    starts, stops = forces_between_point_loads(loads, length, ends)
     ends = ends[:, None]
     pieces = extremes.cut_cubics(extremes.fit_parabola(smooth, places), whole, ends)
     pieces = extremes.add_lines(pieces, stress_of(starts), stress_of(stops))

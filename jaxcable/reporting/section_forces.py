@@ -16,7 +16,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of, present_elements, values_per_group
 from ..results.interpolation import (
     acting_point_loads,
-    forces_of_loads_on_pieces,
+    forces_between_point_loads,
     forces_of_point_loads,
     interpolate_section_forces,
 )
@@ -160,7 +160,7 @@ def _extremes_along(
     ends = places
     if loads is not None:
         ends = extremes.cut_places(places, loads[..., 0])
-        starts, stops = forces_of_loads_on_pieces(loads, length, ends)
+        starts, stops = forces_between_point_loads(loads, length, ends)
         for index, name in enumerate(SECTION_FORCES.components):
             pieces = extremes.cut_cubics(cubics[name], places, ends)
             cubics[name] = extremes.add_lines(pieces, starts[..., index], stops[..., index])

@@ -13,8 +13,8 @@ import numpy as np
 from ..analysis.element_shapes import (
     ElementShapes,
     StateOrPhase,
-    known_results,
     map_shapes,
+    results_of_state,
     shapes_of_groups,
     straight_shapes,
 )
@@ -117,7 +117,7 @@ def sags(
                 "chains: expected a dict of node numbers by the name of each chain, such as "
                 f'{{"main": [0, 1, 2]}}, got {type(chains).__name__}'
             )
-        positions = known_results(structure, state).positions
+        positions = results_of_state(structure, state).positions
         every = shapes_of_groups(structure, state)
         return {
             name: _chain_sag(_chain_shapes(structure, positions, every, name, nodes))
@@ -136,7 +136,7 @@ def sags(
             found.append(None)
             continue
         own = map_shapes(_element_sag, shapes)
-        found.append(jax.tree.map(lambda x, there=there: _nan_unless(there, x), own))
+        found.append(jax.tree.map(lambda x, there=there: _nan_where_inactive(there, x), own))
     return structure.arrange(found)
 
 
@@ -172,7 +172,7 @@ def horizontal_tensions(
         0 22.506 kN
     """
     found: list[Any] = []
-    forces = structure.group_tree.flatten_up_to(known_results(structure, state).tension)
+    forces = structure.group_tree.flatten_up_to(results_of_state(structure, state).tension)
     every = shapes_of_groups(structure, state)
     for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
         if force is None or group.links.shape[1] != 2:
@@ -185,7 +185,11 @@ def horizontal_tensions(
 
 @as_program
 def _horizontal_parts(shapes, own, force, there):
-    """Return horizontal parts from those of hanging elements, or cosines of slopes, `own`."""
+    """Return the horizontal parts of tensions, [..., n_elem], N, zero for inactive elements.
+
+    `own` is that part of elements that hang, N, or the cosine of the slope of straight ones;
+    `force` is the axial force, N, `there` which elements are active.
+    """
     return jnp.where(there, jnp.where(shapes.hangs, own, own * force), 0.0)
 
 
@@ -194,7 +198,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
 
     Args:
         structure: `Structure`.
-        elements: numbers of the elements in order, each joined to the next one.
+        elements: indices of the elements in order, each joined to the next one.
         on: the group that has them, its key in the structure's elements; None if there is one
             group.
 
@@ -238,22 +242,23 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
 
 
 @as_program
-def _nan_unless(there, values):
-    """Return values [..., n_elem, ...] with NaN for elements that are not active."""
+def _nan_where_inactive(there, values):
+    """Return values [..., n_elem, ...], NaN for elements that are not active (`there`, bool)."""
     there = there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim))
     return jnp.where(there, values, jnp.nan)
 
 
 def _chain_shapes(structure, positions, every, name, nodes):
-    """Return the `ElementShapes` of the pieces of a chain, with the pieces on the first axis.
+    """Return the `ElementShapes` of a chain, one segment for each pair of nodes on the first axis.
 
-    `every` is from `shapes_of_groups`; `name` and `nodes` are those of the chain.
+    `positions` are those of all nodes, `every` is from `shapes_of_groups`, `nodes` are the
+    chain's.
     """
     nodes = checks.as_indices(nodes, f"chains[{name!r}]")
     checks.require_known_nodes(nodes, structure.n_node, f"chains[{name!r}]")
     if len(nodes) < 2:
         raise ValueError(f"chains[{name!r}]: a chain has at least 2 nodes, got {len(nodes)}")
-    positions, pieces = jnp.asarray(positions), []
+    positions, segments = jnp.asarray(positions), []
     # catenaries last: where they join nodes that another element joins, too, they count
     groups = sorted(
         zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], Sagging)
@@ -263,7 +268,7 @@ def _chain_shapes(structure, positions, every, name, nodes):
         if not any((a, b) in pairs for _, pairs, *_ in joined):
             raise ValueError(f"chains[{name!r}]: no element joins the nodes {a} and {b}")
         straight = straight_shapes(positions[..., a, :], positions[..., b, :])
-        piece = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), straight)  # none is active
+        segment = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), straight)  # none is active
         for group, pairs, shapes, there in joined:
             for k, backward in pairs.get((a, b), ()):
                 one = straight
@@ -271,14 +276,14 @@ def _chain_shapes(structure, positions, every, name, nodes):
                     axis = shapes.rest_length.ndim - 1
                     one = jax.tree.map(lambda x, k=k, axis=axis: jnp.take(x, k, axis), shapes)
                     one = one.reversed() if backward else one
-                piece = _select_shapes(jnp.take(there, k, -1), one, piece)
-        pieces.append(piece)
+                segment = _select_shapes(jnp.take(there, k, -1), one, segment)
+        segments.append(segment)
     axis = positions.ndim - 2
-    return jax.tree.map(lambda *x: jnp.stack(x, axis), *pieces)
+    return jax.tree.map(lambda *x: jnp.stack(x, axis), *segments)
 
 
 def _elements_by_pair(group):
-    """Return the elements that join two successive nodes: pair -> [(number, whether backwards)]."""
+    """Return the elements that join two successive nodes: pair -> [(index, whether backwards)]."""
     found: dict[tuple[int, int], list[tuple[int, bool]]] = {}
     for k, nodes in enumerate(_nodes_in_order(group).tolist()):
         for a, b in itertools.pairwise(nodes):
@@ -299,7 +304,7 @@ def _nodes_in_order(group):
 
 
 def _select_shapes(chosen, one, other):
-    """Return the shapes of `one` where `chosen`, else those of `other`."""
+    """Return `ElementShapes`, those of `one` where the mask `chosen` is true, else of `other`."""
 
     def select(x, y):
         return jnp.where(chosen.reshape(*chosen.shape, *(1,) * (x.ndim - chosen.ndim)), x, y)
@@ -308,22 +313,22 @@ def _select_shapes(chosen, one, other):
 
 
 @as_program
-def _chain_sag(pieces):
-    """Return the `Sag` of a chain; arrays of `pieces` have axes [..., n_piece]; a program."""
-    function = _sag_of_pieces
-    for _ in range(pieces.rest_length.ndim - 1):
+def _chain_sag(segments):
+    """Return the `Sag` of a chain of segments, arrays [..., n_segment], over leading axes."""
+    function = _sag_of_segments
+    for _ in range(segments.rest_length.ndim - 1):
         function = jax.vmap(function)
-    return function(pieces)
+    return function(segments)
 
 
 def _element_sag(shape):
-    """Return the `Sag` of one element."""
-    return _sag_of_pieces(jax.tree.map(lambda x: x[None], shape))
+    """Return the `Sag` of one element, given by its `ElementShapes` without leading axes."""
+    return _sag_of_segments(jax.tree.map(lambda x: x[None], shape))
 
 
-def _sag_of_pieces(pieces):
-    """Return the `Sag` of a chain of pieces, `ElementShapes` with arrays [n_piece, ...]."""
-    begin, end = pieces.first[0], pieces.last[-1]
+def _sag_of_segments(segments):
+    """Return the `Sag` of a chain, `ElementShapes` with arrays [n_segment, ...]."""
+    begin, end = segments.first[0], segments.last[-1]
     chord = end - begin
     span = jnp.sqrt(scalar_product(chord[:2], chord[:2]))
     level = chord * np.array([1.0, 1.0, 0.0]) / span
@@ -331,59 +336,59 @@ def _sag_of_pieces(pieces):
     below = (
         chord[2] / span * level - up
     )  # vertical distance below the chord, for a point from begin
-    largest_at = _farthest(pieces, below)
-    middle = _at_station(pieces, begin, level, 0.5 * span)
-    deflection, deflection_at = _deflection(pieces, begin, chord)
+    largest_at = _farthest_point(segments, below)
+    middle = _point_at_station(segments, begin, level, 0.5 * span)
+    deflection, deflection_at = _largest_deflection(segments, begin, chord)
     return Sag(
         midspan=scalar_product(middle - begin, below),
         largest=scalar_product(largest_at - begin, below),
         largest_at=largest_at,
         deflection=deflection,
         deflection_at=deflection_at,
-        lowest=_farthest(pieces, -up),
+        lowest=_farthest_point(segments, -up),
         span=span,
     )
 
 
-def _deflection(pieces, begin, chord):
+def _largest_deflection(segments, begin, chord):
     """Return the largest distance of a chain from its chord, m, and its place, [3].
 
-    A single catenary lies in a plane with its chord, so that the direction is known. `begin` is the
-    first end, `chord` the vector to the last one.
+    A single catenary lies in a plane with its chord, so that the direction is known. `begin` is
+    the first end, `chord` the vector to the last one.
     """
     along = chord / jnp.sqrt(scalar_product(chord, chord))
 
     def across(point):
         return point - begin - scalar_product(point - begin, along) * along
 
-    if len(pieces.hangs) == 1:
-        one = jax.tree.map(lambda x: x[0], pieces)
+    if len(segments.hangs) == 1:
+        one = jax.tree.map(lambda x: x[0], segments)
         aside = across(one.point(jnp.full((), 0.5, chord.dtype)))
-        place = _farthest(pieces, aside)
+        place = _farthest_point(segments, aside)
     else:
 
         def nearness(point):
             return -scalar_product(across(point), across(point))
 
-        parts = jax.vmap(lambda one: one.lowest_part_of(nearness))(pieces)
-        points = jax.vmap(lambda one, part: one.point(part))(pieces, parts)
+        parts = jax.vmap(lambda one: one.lowest_part_of(nearness))(segments)
+        points = jax.vmap(lambda one, part: one.point(part))(segments, parts)
         place = points[jnp.argmin(jax.lax.stop_gradient(jax.vmap(nearness)(points)))]
     return scaled.safe_norm(across(place)), place  # zero of straight lines
 
 
-def _farthest(pieces, direction):
-    """Return the point of a chain that is farthest along a direction, [3], m."""
+def _farthest_point(segments, direction):
+    """Return the point of a chain that is farthest along a direction [3], a position [3], m."""
     ends = jnp.zeros((), direction.dtype), jnp.ones((), direction.dtype)
-    parts = jax.vmap(lambda one: one.highest_part(direction, *ends))(pieces)
-    points = jax.vmap(lambda one, part: one.point(part))(pieces, parts)
+    parts = jax.vmap(lambda one: one.highest_part(direction, *ends))(segments)
+    points = jax.vmap(lambda one, part: one.point(part))(segments, parts)
     return points[jnp.argmax(jax.lax.stop_gradient(points @ direction))]
 
 
-def _at_station(pieces, begin, level, station):
-    """Return the point of a chain at a horizontal distance `station` from `begin`, [3], m."""
-    first, last = (ends @ level - begin @ level for ends in (pieces.first, pieces.last))
+def _point_at_station(segments, begin, level, station):
+    """Return the point [3], m, of a chain at a horizontal distance `station`, m, from `begin`."""
+    first, last = (ends @ level - begin @ level for ends in (segments.first, segments.last))
     k = jnp.argmax(jax.lax.stop_gradient((first <= station) & (station <= last)))
-    one = jax.tree.map(lambda x: x[k], pieces)
+    one = jax.tree.map(lambda x: x[k], segments)
     guess = (station - first[k]) / (last[k] - first[k])
 
     def balance(part):

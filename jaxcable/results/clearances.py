@@ -91,12 +91,12 @@ def clearance_to_plane(
         >>> print(solution.status, f"{floor.least:.6f} m")
         0 0.087162 m
     """
-    point, normal = _vector(point, "point"), _vector(normal, "normal")
+    point, normal = _checked_vector(point, "point"), _checked_vector(normal, "normal")
     text = "normal: expected a vector of length above zero"
     normal = nan_if_broken(Rule("normal", normal, lambda v: (v == 0).all(), lambda *_: text))
     normal = jnp.asarray(normal)
     unit = normal / jnp.sqrt(scalar_product(normal, normal))
-    return _clearance(structure, state, on, _plane_distance, jnp.asarray(point), unit)
+    return _clearance(structure, state, on, _nearest_to_plane, jnp.asarray(point), unit)
 
 
 def clearance_over_ground(
@@ -145,7 +145,7 @@ def clearance_over_ground(
         >>> print(strung.status, f"{found.least:.3f} m at x = {found.place[0]:.1f} m")
         0 7.741 m at x = 80.0 m
     """
-    points = _polyline(profile, "profile")
+    points = _checked_polyline(profile, "profile")
     step = points[1:] - points[:-1]
 
     def upright(v):
@@ -157,7 +157,7 @@ def clearance_over_ground(
 
     step = nan_if_broken(Rule("profile", step, upright, text))
     ground = jnp.asarray(points[:-1]), jnp.asarray(step)
-    return _clearance(structure, state, on, _ground_distance, *ground)
+    return _clearance(structure, state, on, _nearest_to_ground, *ground)
 
 
 def distance_to_line(
@@ -201,17 +201,17 @@ def distance_to_line(
         >>> print(strung.status, f"{found.least:.6f} m")
         0 10.000000 m
     """
-    points = jnp.asarray(_polyline(points, "points"))
-    return _clearance(structure, state, on, _line_distance, points[:-1], points[1:] - points[:-1])
+    points = jnp.asarray(_checked_polyline(points, "points"))
+    return _clearance(structure, state, on, _nearest_to_line, points[:-1], points[1:] - points[:-1])
 
 
-def _vector(value, name):
-    """Return a vector [3]; ValueError, which names the argument, for another shape."""
+def _checked_vector(value, name):
+    """Return `value` as a vector [3]; ValueError, which names the argument, for another shape."""
     return checks.floats_of_shape(value, name, (3,))
 
 
-def _polyline(value, name):
-    """Return points [n, 3] of a polyline; ValueError, which names the argument, for others."""
+def _checked_polyline(value, name):
+    """Return `value` as points of a polyline, [n, 3]; ValueError, with `name`, for others."""
     points = checks.as_floats(value, name)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise ValueError(
@@ -221,11 +221,12 @@ def _polyline(value, name):
 
 
 def _clearance(structure, state, on, function, *others):
-    """Return the `Clearance` of the chosen groups.
+    """Return the `Clearance` of the chosen groups of elements.
 
     Args:
         structure, state, on: as of the functions of this module.
-        function: of one `ElementShapes` and `others`: the least distance and its place.
+        function: function of the `ElementShapes` of one element and `others` that returns the least
+            distance, m, and the point where it is, [3].
         others: arrays that are the same for all elements.
     """
     chosen = group_numbers(on, structure)
@@ -237,9 +238,9 @@ def _clearance(structure, state, on, function, *others):
     for number in chosen:
         shapes, there = every[number]
         distance, place = map_shapes(function, shapes, *others)
-        distances[number], places[number], ranked = _per_element(distance, place, there)
+        distances[number], places[number], ranked = _distances_by_element(distance, place, there)
         rows.append((ranked, places[number]))
-    least, place, row = _least_of(rows)
+    least, place, row = _least_distance(rows)
     counts = np.array([len(structure.groups[number].links) for number in chosen])
     owner = np.repeat(np.arange(len(chosen)), counts)
     begin = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -254,7 +255,7 @@ def _clearance(structure, state, on, function, *others):
 
 
 @as_program
-def _per_element(distance, place, there):
+def _distances_by_element(distance, place, there):
     """Return distances and places of elements, NaN where not active, and distances to compare.
 
     Elements of several lines, [..., n_elem, n_line], have the least of theirs.
@@ -272,8 +273,12 @@ def _per_element(distance, place, there):
 
 
 @as_program
-def _least_of(rows):
-    """Return the least distance of groups, its place, and the index among all their elements."""
+def _least_distance(rows):
+    """Return the least distance of all elements, m, its point, [3], and the index of the element.
+
+    `rows` has for each group distances [..., n_elem], m, and points [..., n_elem, 3]; the index
+    counts through all groups.
+    """
     distance = jnp.concatenate([distance for distance, _ in rows], axis=-1)
     place = jnp.concatenate([place for _, place in rows], axis=-2)
     row = jnp.argmin(jax.lax.stop_gradient(distance), axis=-1)
@@ -281,29 +286,36 @@ def _least_of(rows):
     return least, jnp.take_along_axis(place, row[..., None, None], -2)[..., 0, :], row
 
 
-def _plane_distance(shape, point, unit):
-    """Return the least distance of one element from a plane, m, and its place, [3]."""
+def _nearest_to_plane(shape, point, unit):
+    """Return the signed distance of an element's nearest point to a plane, m, and this point, [3].
+
+    The distance is the least one, negative beyond the plane. `shape` is the `ElementShapes` of
+    the element, `point` a point of the plane, [3], m, `unit` its unit normal, [3].
+    """
     ends = jnp.zeros((), unit.dtype), jnp.ones((), unit.dtype)
     place = shape.point(shape.highest_part(-unit, *ends))
     return scalar_product(place - point, unit), place
 
 
-def _ground_distance(shape, begin, step):
-    """Return the least height of one element above a profile, m, and its place, [3].
+def _nearest_to_ground(shape, begin, step):
+    """Return the least height of an element above the ground, m, and the point where it is, [3].
 
-    `begin` and `step` are first points, and vectors to the second points, of its pieces, [n, 3].
+    Negative below the ground, inf beside no segment of its profile. `shape` is the
+    `ElementShapes` of the element; `begin` and `step` are first points of the segments, and
+    vectors to the second points, [n, 3], m.
     """
-    over = jax.vmap(lambda a, d, half: _height_over_piece(shape, half, a, d), (0, 0, None))
+    over = jax.vmap(lambda a, d, half: _height_over_segment(shape, half, a, d), (0, 0, None))
     heights, places = jax.vmap(over, (None, None, 0))(begin, step, jnp.arange(2))
     k = jnp.argmin(jax.lax.stop_gradient(heights.ravel()))
     return heights.ravel()[k], places.reshape(-1, 3)[k]
 
 
-def _height_over_piece(shape, half, begin, step):
-    """Return the least height of a part of an element over a piece of ground, m, and its place.
+def _height_over_segment(shape, half, begin, step):
+    """Return the least height of a part of an element over a segment of ground, m, and the point.
 
-    The station of a catenary along the piece turns at one place at most, by which the element is
-    divided into two halves, 0 and 1. The height is inf where the half is not beside the piece.
+    The station of a catenary along the segment turns at one place at most, by which the element
+    is divided into two halves, `half` 0 and 1. The height is inf where the half is not beside
+    the segment. Other arguments as of `_nearest_to_ground`, for one segment, [3].
     """
     length = jnp.sqrt(scalar_product(step[:2], step[:2]))
     along = step * np.array([1.0, 1.0, 0.0]) / length
@@ -343,10 +355,11 @@ def _height_over_piece(shape, half, begin, step):
     return jnp.where(beside & (high > low), height, jnp.inf + 0 * length), place  # NaN stays NaN
 
 
-def _line_distance(shape, begin, step):
-    """Return the least distance of one element from a polyline, m, and its place, [3].
+def _nearest_to_line(shape, begin, step):
+    """Return the least distance of an element from a polyline, m, and the element's point, [3].
 
-    `begin` and `step` are first points, and vectors to the second points, of its pieces, [n, 3].
+    `shape` is the `ElementShapes` of the element; `begin` and `step` are first points of the
+    segments of the line, and vectors to the second points, [n, 3], m.
     """
 
     def of_piece(begin, step):

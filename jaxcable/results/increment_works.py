@@ -199,7 +199,7 @@ def _forces_and_energies_at(ramp, small, factor, motion, memory):
     if ramp.moved is not None:
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
-        following = system.space.pad_moments(system.following(system.nodes + motion[:, :3]))
+        following = system.space.pad_moments(system.follower_forces(system.nodes + motion[:, :3]))
     lists = [[], [], [], []]
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
@@ -223,7 +223,10 @@ def _forces_and_energies_at(ramp, small, factor, motion, memory):
 
 
 def _group_energy(group, state, nodes, motion):
-    """Return the energy E of all elements of a group (see `_ForcesAndEnergies`), J, scalar."""
+    """Return the energy E of all elements of a group (see `_ForcesAndEnergies`), J, scalar.
+
+    `state` is that of the group; `nodes` are initial positions, `motion` displacements, m.
+    """
     return jnp.sum(evaluate_elements("energy", group, state, nodes, motion))
 
 
@@ -300,7 +303,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
 
 
 def _entry_of_all_arrays(tree, k):
-    """Return a pytree with the entry `k` of each array of a pytree."""
+    """Return a pytree with the entry of index `k` on the first axis of each array of a pytree."""
     return jax.tree.map(lambda x: x[k], tree)
 
 

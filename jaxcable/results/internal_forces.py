@@ -105,7 +105,10 @@ def section_forces(
 
 @as_program
 def _section_forces_at(without_indices, index_arrays, dof_map, places):
-    """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; a program."""
+    """Return section forces of all groups at `places`, [n_elem, n_place, 6]; None if no beams.
+
+    The first two arguments are those of `merge_solution_state`; `dof_map` numbers the unknowns.
+    """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)

@@ -73,7 +73,7 @@ def interpolate_section_forces(
     Returns:
         ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6], NumPy or JAX like the forces.
     """
-    xp, count, at = _module_of(forces), forces.shape[1], tuple(map(float, places))
+    xp, count, at = _array_module(forces), forces.shape[1], tuple(map(float, places))
     plain, (value, slope) = (
         interpolation_matrices(count, False, at)[0],
         interpolation_matrices(count, True, at),
@@ -109,7 +109,7 @@ def forces_of_point_loads(
     Returns:
         ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6], NumPy or JAX like the loads.
     """
-    xp = _module_of(loads)
+    xp = _array_module(loads)
     place, force, moment = loads[:, None, :, :1], loads[:, None, :, 1:4], loads[:, None, :, 4:]
     s = xp.asarray(places)[:, :, None, None]
     side = s if seen_from is None else xp.asarray(seen_from)[:, :, None, None]
@@ -127,20 +127,20 @@ def forces_of_point_loads(
     return -(acts * each).sum(axis=2)
 
 
-def forces_of_loads_on_pieces(
+def forces_between_point_loads(
     loads: Float[np.ndarray, "n_elem n_load 7"],
     length: Float[np.ndarray, " n_elem"],
     ends: Float[np.ndarray, "n_elem 1+n_piece"],
 ) -> tuple[Float[np.ndarray, "n_elem n_piece 6"], Float[np.ndarray, "n_elem n_piece 6"]]:
-    """Return `forces_of_point_loads` just within both ends of pieces that no load divides.
+    """Return `forces_of_point_loads` just within both ends of intervals that no load divides.
 
     Args:
         loads, length: as of `forces_of_point_loads`.
-        ends: of the pieces, ascending, from 0 to 1; the places of all loads are among them.
+        ends: of the intervals, ascending, from 0 to 1; the places of all loads are among them.
 
     Returns:
-        The forces at the starts and at the stops of the pieces, two arrays [n_elem, n_piece, 6].
-        They are linear between.
+        The forces at the starts and at the stops of the intervals, two arrays
+        [n_elem, n_piece, 6], N and N m. They are linear between.
     """
     middle = ends[:, :-1] + np.diff(ends) / 2
     starts, stops = (
@@ -149,7 +149,7 @@ def forces_of_loads_on_pieces(
     return starts, stops
 
 
-def _module_of(values: Any) -> Any:
+def _array_module(values: Any) -> Any:
     """Return `numpy` for a NumPy array, `jax.numpy` for a JAX array."""
     return np if isinstance(values, np.ndarray) else jnp
 

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..analysis.element_shapes import StateOrPhase, known_results
+from ..analysis.element_shapes import StateOrPhase, results_of_state
 from ..analysis.results import Results
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
@@ -146,7 +146,7 @@ def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
         >>> print(solution.status, found.tilt.shape, found.twist.shape)
         0 (12,) (12, 2)
     """
-    known = known_results(structure, state)
+    known = results_of_state(structure, state)
     present = items_per_group(structure, known.present)
     rotations = [known.rotation if group.rotates else None for group in structure.groups]
     ends = [group.links.array[:, [0, -1]] for group in structure.groups]
@@ -155,8 +155,11 @@ def element_tilts(structure: Structure, state: StateOrPhase) -> Any:
 
 
 def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_node 4"]:
-    """Return the rotations of the nodes in a state; ValueError for a structure without beams."""
-    results: Results = known_results(structure, state)
+    """Return the rotations of all nodes in a state, unit quaternions, scalar first, [n_node, 4].
+
+    Raises ValueError for a structure without beams.
+    """
+    results: Results = results_of_state(structure, state)
     if results.rotation is None:
         raise ValueError("structure: has no beams; its nodes have no rotations")
     return jnp.asarray(results.rotation)
@@ -167,14 +170,14 @@ _rotation_vectors = as_program(rotations.rotation_vectors)
 
 @as_program
 def _node_tilts(quaternions, axis):
-    """Return tilt and twist of an axis in all nodes; a program."""
+    """Return tilt and twist, rad, of an axis [3] that rotates by quaternions [..., n_node, 4]."""
     axis = jnp.asarray(axis)
     unit = axis / jnp.sqrt(scalar_product(axis, axis))
-    return _over_leading_axes(functools.partial(_tilt_and_twist, unit=unit), quaternions)
+    return _map_over_leading_axes(functools.partial(_tilt_and_twist, unit=unit), quaternions)
 
 
-def _over_leading_axes(function, quaternions):
-    """Call a function of a quaternion for all of an array [..., 4]."""
+def _map_over_leading_axes(function, quaternions):
+    """Map a function of one quaternion, [4], over all leading axes of an array [..., 4]."""
     for _ in range(quaternions.ndim - 1):
         function = jax.vmap(function)
     return function(quaternions)
@@ -220,9 +223,10 @@ def _element_tilts(nodes, positions, groups):
 
 
 def _chord_tilts(before, after, turned):
-    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements.
+    """Return tilt [..., n_elem] and twist [..., n_elem, 2] of elements, rad.
 
-    `before` and `after` are their chords, `turned` the rotations of both nodes, or None.
+    `before` and `after` are vectors along their chords, `turned` the rotations of both nodes as
+    quaternions, [..., n_elem, 2, 4], or None: then the twist is None, too.
     """
 
     def one(first, second, turned):

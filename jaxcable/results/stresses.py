@@ -59,7 +59,10 @@ def fibre_stress(
 
 @as_program
 def _stresses_of_groups(without_indices, index_arrays):
-    """Compute the fibre stresses of all groups, Pa, None without a section or law; a program."""
+    """Return fibre stresses of all groups, [n_inc, n_elem, ...], Pa; None without section or law.
+
+    Arguments are `split_indices` of groups, strains, tensions, and initial history variables.
+    """
     stresses = []
     for group, strain, tension, memory in zip(
         *merge_indices(without_indices, index_arrays), strict=True

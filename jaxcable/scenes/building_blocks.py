@@ -51,7 +51,7 @@ class Scene(NamedTuple):
 
     def with_units(self, units: UnitsLike | None) -> Scene:
         """Return the same scene, in SI, with other `units` to write and to show it in."""
-        return self._with(units=None if units is None else as_units(units))
+        return self._with_file_values(units=None if units is None else as_units(units))
 
     @property
     def actions(self) -> list[Any]:
@@ -65,11 +65,11 @@ class Scene(NamedTuple):
 
     def with_phase_names(self, names: Sequence[str] | None) -> Scene:
         """Return the same scene with other `phase_names`, as many as there are phases, or None."""
-        return self._with(phase_names=None if names is None else tuple(names))
+        return self._with_file_values(phase_names=None if names is None else tuple(names))
 
     def with_actions(self, actions: Sequence[Any]) -> Scene:
         """Return the same scene with other `actions`, a list of `design.Action`."""
-        return self._with(actions=tuple(actions))
+        return self._with_file_values(actions=tuple(actions))
 
     @property
     def combination_rules(self) -> str | dict[str, Any] | None:
@@ -78,7 +78,7 @@ class Scene(NamedTuple):
 
     def with_combination_rules(self, rules: str | dict[str, Any] | None) -> Scene:
         """Return the same scene with other `combination_rules`, such as "EN 1990"."""
-        return self._with(combination_rules=rules)
+        return self._with_file_values(combination_rules=rules)
 
     @property
     def checks(self) -> list[Any]:
@@ -87,10 +87,10 @@ class Scene(NamedTuple):
 
     def with_checks(self, checks: Sequence[Any]) -> Scene:
         """Return the same scene with other `checks`."""
-        return self._with(checks=tuple(checks))
+        return self._with_file_values(checks=tuple(checks))
 
-    def _with(self, **values):
-        """Return the same scene with other values of what a file has beside its phases."""
+    def _with_file_values(self, **values):
+        """Return the same scene with other values of units, actions, checks and so on, by name."""
         scene = _SceneOfFile(*self)
         own = {f"_{name}": value for name, value in values.items()}
         vars(scene).update(getattr(self, "__dict__", {}), **own)
@@ -141,7 +141,7 @@ def points_on_circle(
 
 
 def require_positive(**values: float) -> None:
-    """Raise ValueError if one of the values, given by name, is not positive."""
+    """Raise ValueError, with its name, if one of the values, given as keywords, is not positive."""
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")

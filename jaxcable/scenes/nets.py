@@ -19,7 +19,7 @@ def orthogonal_grid(
     Returns:
         places: grid coordinates (i, j) of every node, [n_node, 2]; i varies fastest.
         links: cables along x first, then cables along y, [n_elem, 2].
-        free: numbers of the free nodes, [n_x n_y]; i varies fastest.
+        free: indices of the free nodes, [n_x n_y]; i varies fastest.
     """
     corners = {(0, 0), (n_x + 1, 0), (0, n_y + 1), (n_x + 1, n_y + 1)}
     places = [(i, j) for j in range(n_y + 2) for i in range(n_x + 2) if (i, j) not in corners]

@@ -46,12 +46,15 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Sectio
             "interaction: the capacity of this section is unlimited, because no law of it has a "
             "rupture strain; give it a law that ends, such as Polygonal"
         )
-    return _interaction(section, n_angle=int(n_angle), n_axial=int(n_axial))
+    return _interaction_surface(section, n_angle=int(n_angle), n_axial=int(n_axial))
 
 
 @functools.partial(as_program, static=("n_angle", "n_axial"))
-def _interaction(section, n_angle, n_axial):
-    """Return the forces of `interaction`, [n_axial, n_angle] each; a program."""
+def _interaction_surface(section, n_angle, n_axial):
+    """Return N, N, and My, Mz, N m, on the interaction surface, [n_axial, n_angle] each; a program.
+
+    Arguments are those of `interaction`.
+    """
     slant = jnp.pi * (jnp.arange(n_axial) / (n_axial - 1) - 0.5)  # -90 to 90 degrees
     angle = 2 * jnp.pi * jnp.arange(n_angle) / n_angle
     size = jnp.maximum(jnp.max(jnp.abs(section.y)), jnp.max(jnp.abs(section.z)))

@@ -121,7 +121,10 @@ def group_by_law(
 
 
 def _checked_torsion(torsion, n_law):
-    """Return a given torsion constant as [n_law]; ValueError for a wrong shape or sign."""
+    """Return given torsion constants, m4, as [n_law].
+
+    ValueError for a wrong shape, or one that is not positive (NaN if that is traced).
+    """
     torsion = checks.as_floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(

@@ -98,7 +98,10 @@ class Fibres:
         )
 
     def fibre_strain(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Float[Array, "*shape n_fibre"]:
-        """Return the strain of every fibre, ``e0 + ky z - kz y``, [..., n_fibre]."""
+        """Return the strain of every fibre, ``e0 + ky z - kz y``, [..., n_fibre].
+
+        `e0` is the strain at the axis, `ky` and `kz` are curvatures, 1/m, arrays of one shape.
+        """
         e0, ky, kz = (jnp.asarray(v)[..., None] for v in (e0, ky, kz))
         shape = (1,) * (jnp.broadcast_shapes(e0.shape, ky.shape, kz.shape).__len__() - 1) + (-1,)
         return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
@@ -150,7 +153,7 @@ class Fibres:
             >>> print(f"{N / 1e3:.1f} kN, {My / 1e3:.1f} kN m, {abs(Mz):.1f} N m")
             400.0 kN, 133.3 kN m, 0.0 N m
         """
-        return _forces(self, e0, ky, kz, memory)
+        return _section_forces(self, e0, ky, kz, memory)
 
     def forces_and_tangent(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None
@@ -270,7 +273,10 @@ class Fibres:
         ]
 
     def _integrate_over_area(self, of_law, strain, memory):
-        """Return the sum over fibres of their area times ``of_law(law, strain, memory)``."""
+        """Return the sum over fibres of their area times ``of_law(law, strain, memory)``, [...].
+
+        `strain` is that of every fibre, [..., n_fibre]; `memory` as for `forces`.
+        """
         return sum(
             of_law(law, e, remembered) @ self.area[part]
             for part, (law, e, remembered) in zip(
@@ -290,8 +296,11 @@ def _energy_of_law(law, strain, memory):
 
 
 @as_program
-def _forces(section, e0, ky, kz, memory):
-    """Return axial force and bending moments at given strains: `Fibres.forces`, a program."""
+def _section_forces(section, e0, ky, kz, memory):
+    """Return ``N, My, Mz`` of a section at given strains; a program.
+
+    Arguments and results are those of `Fibres.forces`.
+    """
     if section.is_elastic:
         strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
         return tuple(jnp.moveaxis(strain @ section.stiffness(), -1, 0))

@@ -178,7 +178,7 @@ class LinearSection:
         return replace(self, GAy=GAy, GAz=GAz)
 
     def for_analysis(self) -> SectionStiffness:
-        """Return the section in the form that an analysis evaluates."""
+        """Return the matrix of stiffnesses, `SectionStiffness`, which an analysis evaluates."""
         shear = [None if v is None else jnp.asarray(v) for v in (self.GAy, self.GAz)]
         return SectionStiffness(self.stiffness(), jnp.asarray(self.GJ), *shear)
 
@@ -233,7 +233,7 @@ def linear(
 
 
 def _refuse_fibres(name: str) -> NoReturn:
-    """Raise the ValueError of a result that needs fibres."""
+    """Raise ValueError: the result `name` needs fibres, which this section has not."""
     raise ValueError(
         f"{name}: this section is given by its stiffnesses and has no fibres; make a fibre "
         "section, such as Section.ring, for stresses, capacities and pictures"

@@ -19,7 +19,11 @@ Mesh: TypeAlias = 'tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell
 
 
 def square_mesh(n_y: int, n_z: int) -> Mesh:
-    """Return points and cells of the square from -1 to 1, with `n_y` by `n_z` cells."""
+    """Return points and cells of the square from -1 to 1, with `n_y` by `n_z` cells.
+
+    Points are ordered by y, then by z; cells likewise. The corners of a cell are anticlockwise,
+    from the one of least y and z.
+    """
     y, z = np.meshgrid(np.linspace(-1, 1, n_y + 1), np.linspace(-1, 1, n_z + 1), indexing="ij")
     number = np.arange(y.size).reshape(y.shape)
     corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
@@ -106,7 +110,10 @@ def polygon_mesh(
 
 
 def split_into_triangles(cells: Int[np.ndarray, "n_cell 4"]) -> Int[np.ndarray, "n_triangle 4"]:
-    """Split every quadrilateral into two triangles, along alternating diagonals."""
+    """Split every quadrilateral into two triangles, along alternating diagonals.
+
+    A triangle repeats its last point. Triangles among the cells stay as they are.
+    """
     a, b, c, d = cells.T
     alternate = (np.arange(len(cells)) % 2 == 0)[:, None]
     first = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))

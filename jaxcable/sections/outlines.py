@@ -83,7 +83,10 @@ def _is_collinear(ring):
 
 
 def _first_crossing(outline, other):
-    """Return the index of an edge in each outline, of the first two that cross, or None."""
+    """Return the indices of the first two edges that cross, one of each outline; None without.
+
+    `outline` and `other`, which may be the same, are corners (y, z), [n, 2] and [m, 2], m.
+    """
     a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
     divided = _side_of_line(a, b, c) * _side_of_line(a, b, d) < 0

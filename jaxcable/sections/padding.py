@@ -22,9 +22,10 @@ def padding_key(section: Section) -> Hashable:
 
 
 def pad_to_equal(sections: Sequence[Section]) -> list[Section]:
-    """Return sections with equal numbers of fibres of each law, and unchanged forces.
+    """Return sections with equal numbers of fibres of each law, and with unchanged forces.
 
-    They must have the same `padding_key`.
+    The sections must have the same `padding_key`. Where fibres are missing, the last fibre of a law
+    is split into equal parts.
     """
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
     return [_split_last_fibres(section, counts) for section in sections]

@@ -142,7 +142,10 @@ class Section(Fibres):
     torsional_stiffness = geometry.torsional_stiffness
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """Return the area, m2, and the law of the mean stress, with all fibres at the same strain.
+        """Return the area, m2, and the law of its mean stress, as bars and cables need them.
+
+        All fibres have the same strain. Axial force is area times stress; of several laws the
+        result is a `Parallel`.
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -165,7 +168,7 @@ class Section(Fibres):
         if not self.is_elastic:
             return self.extrapolated()
         torsion = None if self.torsion is None else self.torsional_stiffness()
-        return SectionStiffness(self.stiffness(), torsion, *shear.as_arrays(self))
+        return SectionStiffness(self.stiffness(), torsion, *shear.shear_arrays(self))
 
     # --- equilibrium of the section
 
@@ -174,7 +177,10 @@ class Section(Fibres):
 
 
 def section_hint(value: object) -> str:
-    """Return the end of a message on a profile, or its name, in place of a `Section`; else ""."""
+    """Return how a message goes on if `value`, in place of a `Section`, is a profile or its name.
+
+    The text follows the name of an argument; it is empty for all other values.
+    """
     if isinstance(value, str):
         return f" = {value!r}: expected a Section; make one by catalogue.profile(name, law)"
     if callable(getattr(value, "section", None)):

@@ -384,7 +384,7 @@ def _positive_length(value, name):
 
 
 def _length_if_allowed(value, broken, name, text):
-    """Return a dimension as a float; where `broken` is true: ValueError, or NaN if traced."""
+    """Return a dimension, m, as a float; where `broken` is true: ValueError, or NaN if traced."""
     return _float_if_known(nan_if_broken(Rule(name, (value, broken), lambda _, bad: bad, text)))
 
 

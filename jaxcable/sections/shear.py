@@ -94,7 +94,7 @@ def shear_coefficient(
     return 6 * (1 + v) * whole / ((7 + 6 * v) * whole + (20 + 12 * v) * m**2)
 
 
-def as_arrays(section: Fibres) -> tuple[Float[Array, ""] | None, Float[Array, ""] | None]:
+def shear_arrays(section: Fibres) -> tuple[Float[Array, ""] | None, Float[Array, ""] | None]:
     """Return the shear stiffnesses GAy and GAz as arrays of jax, N, None where rigid in shear."""
     along_y, along_z = section.GAy, section.GAz
     return (

@@ -128,7 +128,10 @@ def _solve_strains(section, forces, memory, tol, max_steps):
 
 
 def _solve_one_by_one(section, forces, memory, tol, max_steps):
-    """Return the `SectionState` of forces of any shape, solved one after the other."""
+    """Return the `SectionState` of forces N, My, Mz of one shape, solved one after the other.
+
+    Arguments are those of `solve_strains`, `forces` a tuple of three arrays.
+    """
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
     by_force = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
@@ -145,7 +148,10 @@ def _solve_one_by_one(section, forces, memory, tol, max_steps):
 
 
 def _strain_scales(section):
-    """Return factors [3] that make strains of (e0, ky, kz): 1, and both radii of gyration."""
+    """Return the lengths by which (e0, ky, kz) are multiplied to strains: 1, and both radii, [3].
+
+    They are the radii of gyration about y and z, m; 1 m about an axis without inertia.
+    """
     inertia = jnp.stack(section.inertia()[:2]) / section.total_area
     flat = inertia <= 0
     radius = jnp.where(flat, 1.0, jnp.sqrt(jnp.where(flat, 1.0, inertia)))
@@ -153,7 +159,10 @@ def _strain_scales(section):
 
 
 def _scaled_forces(section, scaled, radius, memory):
-    """Return N and moments over radii of gyration, [3], N, at (e0, ky, kz) times `radius`."""
+    """Return N and moments over radii of gyration, [3], N, at scaled strains.
+
+    `scaled` is (e0, ky, kz) times `radius`, which `_strain_scales` returns.
+    """
     return jnp.stack(section.forces(*(scaled / radius), memory)) / radius
 
 
@@ -165,6 +174,11 @@ def _scaled_tangent(section, scaled, radius, memory):
 
 def _iterate_strains(section, target, memory, radius, tol, max_steps):
     """Iterate to the strains of given forces, by Newton's method with a line search from zero.
+
+    Args:
+        section, memory, tol, max_steps: as for `solve_strains`.
+        target: N, My, Mz, [3], N and N m.
+        radius: as of `_strain_scales`.
 
     Returns:
         Scaled strains [3], number of iterations, largest residual, N, and whether it converged.

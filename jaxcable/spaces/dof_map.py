@@ -43,6 +43,8 @@ class MotionRows:
         node_of_row: node that every row belongs to, [n_row], NumPy.
         inner: True for rows of internal unknowns of elements, [n_row] bool, NumPy.
         inactive: True for displacements of such rows that no element uses, [n_row, 3] bool, NumPy.
+
+    The constructor takes them in this order.
     """
 
     def __init__(
@@ -274,7 +276,7 @@ def make_dof_map(
 
 
 @functools.lru_cache(maxsize=16)
-def with_assembly(dof_map: DofMap, links: tuple[Indices, ...], own: bool) -> DofMap:
+def with_assembly_maps(dof_map: DofMap, links: tuple[Indices, ...], own: bool) -> DofMap:
     """Return a `DofMap` with assembly maps for end forces of elements; cached for later analyses.
 
     These are its fields `nodal_assembly` and `unknown_assembly`.

@@ -36,7 +36,7 @@ from ..numerics.rotations import (
     invert,
     move_node,
     rotate,
-    rotation_vector,
+    stereographic_to_rotation_vector,
     to_stereographic,
 )
 from .dof_map import DofMap, element_unknowns, to_global, to_local
@@ -109,7 +109,7 @@ class RotatingNodes(Space):
         """Return displacements, m, and rotation vectors from motion `before` to `after`."""
 
         def rotation(old, new):
-            return rotation_vector(to_stereographic(compose(new, invert(old))))
+            return stereographic_to_rotation_vector(to_stereographic(compose(new, invert(old))))
 
         shift = (after - before)[:, :3]
         return jnp.concatenate([shift, jax.vmap(rotation)(before[:, 3:], after[:, 3:])], axis=1)
@@ -134,7 +134,7 @@ class RotatingNodes(Space):
     def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"]:
-        """Return the motions, all to be stored: rotations do not follow from displacements."""
+        """Return `motion`: results store it, because displacements do not give rotations."""
         return motion
 
     # --- points and steps
@@ -153,13 +153,13 @@ class RotatingNodes(Space):
         support was set: if that rotation changes, so does `x`.
         """
         hinged = jnp.any(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
-        support = self._support_rotations()
+        support = self._support_reference_rotations()
         relative = jax.vmap(compose)(x[:, 3:], jax.vmap(invert)(lax.stop_gradient(support)))
         rotation = jnp.where(hinged, jax.vmap(compose)(relative, support), x[:, 3:])
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
-    def _support_rotations(self) -> Float[Array, "n_row 4"]:
-        """Return the rotation of each row from which a support of some rotations measures."""
+    def _support_reference_rotations(self) -> Float[Array, "n_row 4"]:
+        """Return each row's rotation when its support was set, [n_row, 4], the zero of supports."""
         return (
             self._prescribed_motion[:, 3:]
             if self.support_rotation is None
@@ -201,13 +201,13 @@ class RotatingNodes(Space):
     def _spin_axes(self, x: Motion) -> Float[Array, "n_row 3 3"]:
         """Return the axes of the spin unknowns, one in each row of a matrix.
 
-        Where a support holds exactly one rotation, a node swings from `_support_rotations` by the
-        smallest rotation. Its spins about the two other axes, turned by half of the swing, keep the
-        support.
+        Where a support holds exactly one rotation, a node swings from its rotation at the time when
+        the support was set, by the smallest rotation. Its spins about the two other axes, turned by
+        half of the swing, keep the support.
         """
         axes = jnp.asarray(self.dof_map.axes, x.dtype)
         alone = jnp.sum(self.dof_map.fixed[:, 3:], axis=1) == 1
-        swing = jax.vmap(compose)(x[:, 3:], jax.vmap(invert)(self._support_rotations()))
+        swing = jax.vmap(compose)(x[:, 3:], jax.vmap(invert)(self._support_reference_rotations()))
         still = jnp.asarray(IDENTITY, x.dtype)
         half = jax.vmap(lambda swings, q: halfway_rotation(still, jnp.where(swings, q, still)))(
             alone, swing
@@ -262,7 +262,7 @@ class RotatingNodes(Space):
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
         """Return loads whose moments, fixed in space, are made conjugate to spins of a step."""
         spin = row_step[:, 3:]
-        if self.dof_map.inner is not None:  # rows of inner unknowns do not rotate
+        if self.dof_map.inner is not None:  # inner unknowns do not rotate
             spin = jnp.where(self.dof_map.inner[:, None], 0.0, spin)
         return jnp.concatenate([load[:, :3], jax.vmap(conjugate_moment)(spin, load[:, 3:])], axis=1)
 
@@ -293,7 +293,7 @@ class RotatingNodes(Space):
         return [number[:, 3:]]
 
     def motion_jacobian(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
-        """Return the Jacobian of every node's (row's) step by its unknowns; None: scaled spins."""
+        """Return the Jacobian of row steps by unknowns; None: diagonal, `_row_step_per_unknown`."""
         dof_map = self.dof_map
         if dof_map.axes is None and dof_map.rigid_links is None:
             return None

@@ -135,7 +135,10 @@ class Space(abc.ABC):
     def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"] | None:
-        """Return the motions to be stored of a path; None if its displacements are all there is."""
+        """Return the motions of a path that results store beside displacements.
+
+        None if a motion is a displacement, so that there is nothing more to store.
+        """
         return None
 
     @classmethod
@@ -204,7 +207,7 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Return the norms of generalized forces, N; moments are divided by a length."""
+        """Return the norm of the force on each row, N, plus that of its moment over a length."""
 
     @abc.abstractmethod
     def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
@@ -221,7 +224,10 @@ class Space(abc.ABC):
         """
 
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
-        """Return dead loads as forces work-conjugate to a step of all nodes, `row_step`."""
+        """Return dead loads as forces work-conjugate to a change of `row_step`, a step of all rows.
+
+        They differ from `load` where moments keep their direction while nodes rotate.
+        """
         return load
 
     @abc.abstractmethod

@@ -158,7 +158,10 @@ class Translations(Space):
 
 
 def _add_compensated(x, step):
-    """Add a step of all rows to a motion, and its rounding error to the low-order part."""
+    """Return a motion after a step of all rows, [n_row, 3], m: a sum to twice the precision.
+
+    `x` is the motion with its low-order part, [n_row, 6], which takes up the rounding error.
+    """
     high, lost = compensated.two_sum(x[:, :3], step)
     high, low = compensated.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
     return jnp.concatenate([high, lax.stop_gradient(low)], axis=1)

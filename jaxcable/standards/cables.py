@@ -122,5 +122,5 @@ def cable_fatigue_strength(
 
 
 def _positive(value, name):
-    """Return a number as floats; ValueError if it is known not to be positive, NaN if traced."""
+    """Return a number as floats; not positive it raises ValueError, or is NaN if traced."""
     return nan_if_broken(positive(name, checks.as_floats(value, name)))

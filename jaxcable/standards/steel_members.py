@@ -47,7 +47,10 @@ class SteelSection:
 
 
 class ProfileNumbers(Protocol):
-    """What `steel_section` needs of `catalogue.ProfileData`."""
+    """Protocol of a steel profile as `steel_section` takes it, such as `catalogue.ProfileData`.
+
+    Sizes h, b, tw, tf, r in m, area A in m2, second moments in m4, section moduli in m3.
+    """
 
     name: str
     shape: str
@@ -228,7 +231,7 @@ def section_utilization(
         for one, area in zip(force[1:3], areas, strict=True)
     ]
     if section.circular:
-        areas, shear = _one_direction(areas, shear)
+        areas, shear = _resultant_shear(areas, shear)
     lost = [jnp.where(used > 0.5, jnp.minimum((2 * used - 1) ** 2, 1.0), 0.0) for used in shear]
     lost_area = sum(rho * area for rho, area in zip(lost, areas, strict=True) if area is not None)
     axial_part = jnp.maximum(1 - lost_area / section.A, _LEAST_PART)
@@ -246,8 +249,12 @@ _LEAST_PART = 1e-3
 """Part of a resistance that is left beside a shear force of V_Rd and more."""
 
 
-def _one_direction(areas, shear):
-    """Return areas and utilizations in the direction of the shear force on a circular section."""
+def _resultant_shear(areas, shear):
+    """Return areas and utilizations by shear of a circular section, in the direction of the force.
+
+    `areas` and `shear` are pairs along y and z, [...]; the results are pairs, whose second
+    items are None and zero.
+    """
     area = next((one for one in areas if one is not None), None)
     return (area, None), (vector_sum(*shear), jnp.zeros_like(shear[0]))
 
@@ -255,7 +262,10 @@ def _one_direction(areas, shear):
 def combined_bending(
     about_y: Float[Array, " ..."], about_z: Float[Array, " ..."], section: SteelSection
 ) -> Float[Array, " ..."]:
-    """Return the utilization by both moments from those by each, for a `SteelSection`."""
+    """Return the utilization by both moments, -, from those by each of them.
+
+    They add as vectors for a circular `section`, else as numbers.
+    """
     return vector_sum(about_y, about_z) if section.circular else about_y + about_z
 
 

@@ -161,7 +161,7 @@ def buckling_factor(
         )
     after, slack = _tangent_and_slack(without_indices, index_arrays, dof_map)
     if reference is None:
-        pairs = _must_not_be_slack(structure, slack)
+        pairs = _no_slack_conditions(structure, slack)
         bare = _unstressed_state_with_zero_loads(without_indices, index_arrays, slack)
         before = tangent_matrix((*without_indices[:2], bare), index_arrays, dof_map)
     else:
@@ -178,10 +178,10 @@ def buckling_factor(
         given = reference_frame, reference_arrays, reference_freedoms
         before, slack_before = _tangent_and_slack(*given)
         pairs = list(zip(slack_before, slack, strict=True))
-        pairs += _present_elements(reference_frame[2], without_indices[2])
+        pairs += _pairs_of_presence_masks(reference_frame[2], without_indices[2])
     split = without_indices, index_arrays, dof_map
     sizes = {"n": min(n, len(after)), "n_node": structure.n_node}
-    found = _find_modes(split, before, after, pairs, **sizes)
+    found = _find_buckling_modes(split, before, after, pairs, **sizes)
     if checks.array_if_known(found.semi_tangential) is not None and found.semi_tangential:
         if not _nodal_moments_act(without_indices, index_arrays):
             raise ValueError(
@@ -198,7 +198,7 @@ def buckling_factor(
 
 
 @functools.partial(as_program, static=("n", "n_node"))
-def _find_modes(split, before, after, pairs, n, n_node):
+def _find_buckling_modes(split, before, after, pairs, n, n_node):
     """Return the lowest `n` factors of a split state with their shapes, `Buckling`; a program.
 
     `before` and `after` are the tangents; factors are NaN unless the arrays of each of the `pairs`
@@ -222,10 +222,11 @@ def _refuse_follower_loads(restart, name):
         )
 
 
-def _must_not_be_slack(structure, slack):
-    """Return pairs (what is slack, False) of elements without a known slack unstressed state.
+def _no_slack_conditions(structure, slack):
+    """Return pairs (slack elements, False), which must be equal for factors to be valid.
 
-    `slack` has a boolean array [n_elem] for each group.
+    There is a pair for each group whose elements can be slack, but have no state that is slack and
+    unstressed. `slack` has a boolean array [n_elem] for each group.
 
     Raises:
         ValueError: an element is slack, and its class has no method `unstressed_state`.
@@ -254,8 +255,12 @@ def _nodal_moments_act(without_indices, index_arrays):
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
-def _present_elements(first, second):
-    """Return pairs of masks of present elements in two `RestartState`, where some are absent."""
+def _pairs_of_presence_masks(first, second):
+    """Return pairs (present in `first`, present in `second`), masks [n_elem], two `RestartState`.
+
+    There is a pair for each group that has absent elements in either; a scalar True stands for a
+    group whose elements are all present.
+    """
     pairs = []
     for a, b in zip(first.states, second.states, strict=True):
         if a.present is not None or b.present is not None:  # None: all are present
@@ -287,7 +292,10 @@ def _unstressed_state_with_zero_loads(without_indices, index_arrays, slack):
 
 @as_program
 def _unstressed_state(without_indices, index_arrays, slack):
-    """Return the `RestartState` without stress and without loads, and the loads' factors, zero."""
+    """Return the `RestartState` without stress and loads, and zeros for the factors of the loads.
+
+    Elements that are `slack`, [n_elem] bool per group, are slack in it; a program.
+    """
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     bare = initial_restart_state(nodes, groups)
     states = []

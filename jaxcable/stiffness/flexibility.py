@@ -75,6 +75,8 @@ def _displacements_by_unit_forces(without_indices, index_arrays, dof_map, nodes,
     """Return the displacements of nodes along axes by unit forces, [m, m], m/N.
 
     They are ``unit K^-1 unit^T``, where `unit` [m, n_free] maps the unknowns to the displacements.
+    `nodes` are indices, `axes` are 0, 1, 2 for x, y, z; other arguments are as of
+    `tangent_and_displacements`.
     """
     stiffness, _, moved = tangent_and_displacements(without_indices, index_arrays, dof_map)
     unit = moved[nodes][:, axes].reshape(-1, moved.shape[2])

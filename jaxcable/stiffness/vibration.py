@@ -165,7 +165,7 @@ def natural_frequencies(
         )
     split = without_indices, index_arrays, dof_map
     given = {"distribution": distribution, "n_node": structure.n_node}
-    matrices = _matrices(*split, gravity, masses, **given)
+    matrices = _modal_matrices(*split, gravity, masses, **given)
     symmetric, has_mass = matrices[-2:]
     if checks.array_if_known(symmetric) is not None and not symmetric:
         raise ValueError(
@@ -177,7 +177,7 @@ def natural_frequencies(
         if any(isinstance(group, Sagging) for group in structure.groups):
             hint = "; catenaries have no modes within their span: use a chain of Cables"
         raise ValueError(f"masses: no node that is free to move has mass{hint}")
-    found = _without_massless_modes(_find_modes(matrices, n=min(n, len(matrices[0]))))
+    found = _without_massless_modes(_find_vibration_modes(matrices, n=min(n, len(matrices[0]))))
     _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found)
     return found
 
@@ -223,11 +223,19 @@ def _warn_of_weights_without_mass(structure, state):
 
 
 @functools.partial(as_program, static=("distribution", "n_node"))
-def _matrices(without_indices, index_arrays, dof_map, gravity, masses, distribution, n_node):
-    """Assemble tangent stiffness, mass matrix and displacements by unknowns; a program.
+def _modal_matrices(without_indices, index_arrays, dof_map, gravity, masses, distribution, n_node):
+    """Assemble tangent stiffness and mass matrix of a split state; a program.
 
-    Returns, too, whether the stiffness is symmetric, and whether anything that moves has mass.
-    `masses` are those of the nodes, kg, or None.
+    Args:
+        without_indices, index_arrays, dof_map: as from `split_solution_state`.
+        gravity, distribution: as for `natural_frequencies`.
+        masses: added masses of the nodes, [n_node], kg, or None.
+        n_node: number of nodes.
+
+    Returns:
+        Stiffness, N/m, and mass, kg, [n_free, n_free]; derivatives of displacements by unknowns,
+        [n_node, 3, n_free]; whether the stiffness is symmetric; whether anything that moves has
+        mass.
     """
     stiffness, symmetric, moved = tangent_and_displacements(without_indices, index_arrays, dof_map)
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
@@ -240,7 +248,11 @@ def _matrices(without_indices, index_arrays, dof_map, gravity, masses, distribut
 
 
 def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found):
-    """Warn if a catenary vibrates within its span more slowly than one of the modes `found`."""
+    """Warn if a catenary vibrates within its span more slowly than one of the modes `found`.
+
+    Nothing happens while frequencies are traced. `found` is a `Vibration`; the state is given as to
+    `_modal_matrices`.
+    """
     frequency = checks.array_if_known(found.frequency)
     if frequency is None or not any(isinstance(group, Sagging) for group in structure.groups):
         return
@@ -273,8 +285,11 @@ def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravit
 
 
 @functools.partial(as_program, static=("n",))
-def _find_modes(matrices, n):
-    """Return the slowest `n` modes of `_matrices`, a `Vibration`; NaN for unsymmetric stiffness."""
+def _find_vibration_modes(matrices, n):
+    """Return the slowest `n` modes, a `Vibration`; NaN if the stiffness is unsymmetric; a program.
+
+    `matrices` are the results of `_modal_matrices`.
+    """
     stiffness, mass, moved, symmetric, _ = matrices
     stiffness = jnp.where(symmetric, stiffness, jnp.nan)
     return _solve_vibration_problem(stiffness, mass, moved, n)
@@ -319,7 +334,7 @@ def _solve_vibration_problem(stiffness, mass, moved, n):
 
 
 def _without_massless_modes(found):
-    """Return the `Vibration` without modes of infinite frequency; unchanged while traced."""
+    """Return a `Vibration` without its modes of infinite frequency; unchanged while traced."""
     known = checks.array_if_known(found.squared)
     if known is None:
         return found

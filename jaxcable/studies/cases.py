@@ -35,7 +35,7 @@ class Cases:
     Attributes:
         dims: names of the dimensions.
         shape: number of cases along each of them.
-        draw: function from numbers of cases, [n], to these cases, a pytree of arrays [n, ...].
+        draw: function from indices of cases, [n], to these cases, a pytree of arrays [n, ...].
         coordinates: what is known of all cases: pairs (names of dimensions, values), by name.
         stated: arrays that make all cases, a pytree; None if a user's function draws them.
 
@@ -60,7 +60,10 @@ class Cases:
         return math.prod(self.shape)
 
     def block(self, numbers: Numbers) -> Block:
-        """Return the cases with these numbers, a pytree of arrays [n, ...]."""
+        """Return the cases with indices `numbers`, [n], a pytree of arrays [n, ...].
+
+        Raises ValueError if a user's function draws another number of cases.
+        """
         drawn = jax.tree.map(np.asarray, self.draw(numbers))
         if _axis_lengths(drawn) != {len(numbers)}:
             raise ValueError(
@@ -84,14 +87,17 @@ class Cases:
         return None if covered else digest.of_host_function(self.draw)
 
 
-def _combinations_of_numbers(values, shape, numbers):
-    """Return the combinations of `values`, arrays by name, with these numbers."""
+def _combinations_at(values, shape, numbers):
+    """Return the combinations with indices `numbers`, [n], of `values`, arrays by name.
+
+    `shape` has the number of values of each; the last one counts first.
+    """
     places = np.unravel_index(numbers, shape)
     return {name: value[k] for (name, value), k in zip(values.items(), places, strict=True)}
 
 
-def _rows_of_numbers(rows, numbers):
-    """Return the rows of all arrays of a pytree that have these numbers."""
+def _rows_at(rows, numbers):
+    """Return the rows with indices `numbers`, [n], of all arrays of a pytree."""
     return jax.tree.map(lambda leaf: leaf[numbers], rows)
 
 
@@ -124,7 +130,7 @@ def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike)
         require_numbers(value, f"product: {name}")
     shape = tuple(map(len, given.values()))
     named = {name: ((name,), value) for name, value in given.items() if value.ndim == 1}
-    draw = functools.partial(_combinations_of_numbers, given, shape)
+    draw = functools.partial(_combinations_at, given, shape)
     return Cases(tuple(given), shape, draw, named, given)
 
 
@@ -181,14 +187,14 @@ def table(
         named[dim] = texts
     coordinates = {name: ((dim,), value) for name, value in named.items()}
     stated = rows, None if labels is None else texts
-    return Cases((dim,), (count,), functools.partial(_rows_of_numbers, rows), coordinates, stated)
+    return Cases((dim,), (count,), functools.partial(_rows_at, rows), coordinates, stated)
 
 
 def samples(draw: Callable[[Numbers], Block], n_case: int, *, dim: str = "sample") -> Cases:
     """Draw cases by a function of their numbers, where not all of them should be in memory.
 
     Args:
-        draw: function from numbers of cases, [n], NumPy, to these cases, a pytree of arrays
+        draw: function from indices of cases, [n], NumPy, to these cases, a pytree of arrays
             [n, ...]. It has to return the same for a number whenever it is called, and to change
             nothing that it uses: seed a generator with the number.
         n_case: number of cases.

@@ -51,7 +51,7 @@ def compute_on_cluster(
         client: `distributed.Client`.
         task: what computes a chunk; its store has to be visible from all workers.
         cases: all cases; those of a chunk are sent with it if workers cannot make them.
-        numbers: numbers of chunks.
+        numbers: indices of chunks.
         stop: tells whether to begin no further chunk.
         patience: seconds to wait while there is no worker.
 
@@ -61,7 +61,7 @@ def compute_on_cluster(
     if sum(leaf.nbytes for leaf in jax.tree.leaves(cases.stated)) > _LARGE_CASES:
         task = dataclasses.replace(task, cases=None)
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": 1 << 60}):
-        content = client.submit(bytes, _as_bytes(task), pure=False)
+        content = client.submit(bytes, _serialize_task(task), pure=False)
 
     def submit(k):
         block = cases.block(task.grid.numbers(k)) if task.cases is None else None
@@ -95,8 +95,8 @@ def compute_on_cluster(
             content.cancel(force=True)  # and with it all chunks that are not computed
 
 
-def _as_bytes(task):
-    """Return a task, with its settings, as bytes; ValueError if its function cannot be sent."""
+def _serialize_task(task):
+    """Return a task, with its settings, as bytes; ValueError if its function cannot be pickled."""
     try:  # (a copy, without what was traced here)
         return pickle.dumps((task.settings, cloudpickle.dumps(dataclasses.replace(task))))
     except Exception as error:  # of objects that cannot be pickled there are many kinds
@@ -110,8 +110,8 @@ _making_task, _one_at_a_time = threading.Lock(), threading.Lock()
 
 
 @functools.lru_cache(maxsize=4)
-def _make_task(content):
-    """Return the task of a study from its bytes, after a check that it is the same here."""
+def _deserialize_task(content):
+    """Return the task of a study from its bytes; RuntimeError if it is another one here."""
     settings, as_bytes = pickle.loads(content)
     settings.apply(get_worker().state.nthreads)  # before the task is made: its arrays start jax
     with jax.enable_x64(settings.x64):
@@ -129,6 +129,6 @@ def compute_chunk(content: bytes, k: int, block: Block | None) -> None:
         block: its cases, if they are given.
     """
     with _making_task:
-        task = _make_task(content)
+        task = _deserialize_task(content)
     with contextlib.nullcontext() if task.settings.fused else _one_at_a_time:
         task(k, block)

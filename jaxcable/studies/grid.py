@@ -38,7 +38,7 @@ class ChunkGrid:
         return math.prod(self.chunks)
 
     def slices(self, k: int) -> tuple[slice, ...]:
-        """Return the range of cases of chunk `k` along each dimension."""
+        """Return the range of cases of chunk `k` along each dimension, a tuple of slices."""
         place = map(int, np.unravel_index(k, self.counts))
         return tuple(
             slice(i * size, min((i + 1) * size, n))
@@ -46,15 +46,15 @@ class ChunkGrid:
         )
 
     def numbers(self, k: int) -> Int[np.ndarray, " n"]:
-        """Return the numbers of the cases of chunk `k`, [n], the last dimension counting first."""
+        """Return the indices of the cases of chunk `k`, [n], the last dimension counting first."""
         return np.ravel_multi_index(np.ogrid[self.slices(k)], self.shape).ravel()
 
 
-def divide(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
+def divide_into_chunks(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
     """Return the grid whose chunks have at most `chunk` cases: whole last dimensions, then parts.
 
-    >>> from jaxcable.studies.grid import divide
-    >>> divide((40, 25, 7), 1000).chunks
+    >>> from jaxcable.studies.grid import divide_into_chunks
+    >>> divide_into_chunks((40, 25, 7), 1000).chunks
     (5, 25, 7)
     """
     sizes: list[int] = []

@@ -111,7 +111,10 @@ def compute_missing(
 
 @contextlib.contextmanager
 def _note_signals() -> Iterator[list[int]]:
-    """Note the first signal to end, instead of obeying it; a second one is obeyed."""
+    """Collect SIGINT and SIGTERM in a list, the value of the context, instead of obeying the first.
+
+    A second one is obeyed.
+    """
     noted: list[int] = []
     in_main = threading.current_thread() is threading.main_thread()
     handlers = {

@@ -47,7 +47,9 @@ def describe_arrays(
     units: Mapping[str, str],
     coords: Mapping[str, np.ndarray],
 ) -> Arrays:
-    """Return all arrays of a store but coordinates, and check names, dimensions and coordinates.
+    """Return what zarr is told to create every array of a store but coordinates, by name.
+
+    Names, dimensions and coordinates are checked: ValueError for those that do not fit.
 
     Args:
         results: shapes and dtypes of all results of one case, by name.
@@ -99,7 +101,7 @@ def describe_arrays(
             "fill_value": fill_value(one.dtype),
             "dimension_names": (*cases.dims, *own),
             "attributes": ({} if unit is None else {"units": unit})
-            | (_flags() if name == STATUS else {}),
+            | (_status_flags() if name == STATUS else {}),
         }
     for dim, values in coords.items():
         if dim not in sizes or dim in cases.coordinates:
@@ -124,12 +126,12 @@ def describe_arrays(
 
 
 def fill_value(dtype: np.dtype[Any]) -> float | int:
-    """Return what stands for a case that is not computed."""
+    """Return the value of cases that are not computed: NaN, False, -1 of integers, else 0."""
     return np.nan if dtype.kind in "fc" else {"b": False, "i": -1}.get(dtype.kind, 0)
 
 
-def _flags():
-    """Return the attributes that say what statuses mean, as the CF conventions name them."""
+def _status_flags():
+    """Return attributes that explain status codes (CF conventions): values and meanings."""
     meanings = " ".join(name.lower() for name in status.NAMES.values())
     return {"flag_values": list(status.NAMES), "flag_meanings": meanings}
 
@@ -171,14 +173,14 @@ class ResultStore:
         self._arrays[COMPLETED][where] = True
 
     def set_units(self, units: Mapping[str, str]) -> None:
-        """State units of results and coordinates, by name."""
+        """Write units of results and coordinates, by name, into the store if they have changed."""
         if any(self.root[name].attrs.get("units") != unit for name, unit in units.items()):
             for name, unit in units.items():
                 self.root[name].attrs["units"] = unit
-            _collect_metadata(self.path)
+            _consolidate_metadata(self.path)
 
     def missing(self) -> list[int]:
-        """Return the numbers of the chunks of which not all files are there."""
+        """Return the indices of the chunks of which not all files are there."""
         return [
             k
             for k in range(self.grid.n_chunk)
@@ -197,7 +199,7 @@ class ResultStore:
         return found
 
     def read_chunk(self, name: str, k: int) -> np.ndarray:
-        """Return a result of the cases of chunk `k`; errors are those of `read`."""
+        """Return the result `name` of the cases of chunk `k`; errors are those of `read`."""
         try:
             return np.asarray(self._arrays[name][self.grid.slices(k)])
         except Exception as error:  # of zarr, its codecs and NumPy there are many kinds
@@ -207,7 +209,7 @@ class ResultStore:
             ) from None
 
     def _chunk_file(self, name, k):
-        """Return the path of the file with chunk `k` of an array."""
+        """Return the path of the file with chunk `k` of the array `name`."""
         place = np.unravel_index(k, self.grid.counts)
         inner = self._arrays[name].ndim - len(place)
         return os.path.join(self.path, name, "c", *map(str, place), *"0" * inner)
@@ -251,7 +253,7 @@ def create_store(
                 dimension_names=dims,
                 attributes={"units": units[name]} if name in units else {},
             )
-        _collect_metadata(part)
+        _consolidate_metadata(part)
         with contextlib.suppress(OSError):  # an empty one is replaced, on Windows not by itself
             path.rmdir()
         os.rename(part, path)
@@ -262,8 +264,8 @@ def create_store(
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _collect_metadata(path):
-    """Write the metadata of all arrays into one file, from which xarray opens a store quickly."""
+def _consolidate_metadata(path):
+    """Write the metadata of all arrays into one file, by which xarray opens a store quickly."""
     import zarr
 
     with warnings.catch_warnings():  # it is an extension of the format, which all readers may skip

@@ -16,7 +16,7 @@ from ..common import checks, digest
 from ..common.progress import as_listener
 from ..common.types import Array, ArrayLike, PyTree
 from .cases import Cases, require_numbers, table
-from .grid import divide
+from .grid import divide_into_chunks
 from .running import compute_missing
 from .store import CAUSE, ResultStore, create_store, describe_arrays
 from .task import ChunkTask, Settings, shapes_of_chunk
@@ -50,17 +50,18 @@ class Study:
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the chunks of cases that are not computed yet, a list."""
+        """Indices of the chunks of cases that are not computed yet, a list."""
         return self._opened.missing()
 
     @property
     def failures(self) -> dict[int, str]:
-        """Why cases have failed: texts, by number of the case."""
+        """Why cases have failed: a text by index of each failed case."""
         causes = self._opened.read(CAUSE).ravel()
         return {int(k): str(causes[k]) for k in np.flatnonzero(causes != "")}
 
     @property
     def _opened(self):
+        """The store, opened as a `ResultStore`; ValueError if there is none."""
         return ResultStore(Path(self.store))
 
     def load(self, *names: str) -> dict[str, np.ndarray]:
@@ -171,7 +172,7 @@ def study(
     _require_package("zarr", "studies", "a study")
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
-    grid, path = divide(cases.shape, chunk), Path(store).absolute()
+    grid, path = divide_into_chunks(cases.shape, chunk), Path(store).absolute()
     shapes = shapes_of_chunk(cases.block(np.array([0])), grid)
     task = ChunkTask(function, cases, grid, shapes, path, settings)
     try:
@@ -206,7 +207,10 @@ def study(
 
 
 def _require_package(name, extra, purpose):
-    """Raise ModuleNotFoundError, with what to install, unless a package is there."""
+    """Raise ModuleNotFoundError unless the package `name` is installed.
+
+    The message says what needs it (`purpose`), and which `extra` of jaxcable installs it.
+    """
     if importlib.util.find_spec(name) is None:
         raise ModuleNotFoundError(
             f"{purpose} needs the package {name}, which is not installed: "
@@ -228,14 +232,17 @@ def _require_client(client):
 
 
 def _as_dict(stated, argument):
-    """Return what is stated by name, {} for None; ValueError if it is no mapping."""
+    """Return `stated`, a mapping by name, as a dict, {} for None; ValueError for others."""
     if stated is not None and not isinstance(stated, Mapping):
         raise ValueError(f"{argument} = {stated!r:.60}: expected a dict, by name of the result")
     return dict(stated or {})
 
 
 def _results_of_one_case(results):
-    """Return shape and dtype of the results of one case by name, from those of a chunk of cases."""
+    """Return shape and dtype of each result of one case, by name, from those of a chunk.
+
+    Raises ValueError unless they are a dict of arrays of numbers.
+    """
     if not isinstance(results, dict) or not results:
         got = "an empty one" if results == {} else type(results).__name__
         raise ValueError(f"function: expected a dict of arrays by name, got {got}")
@@ -264,14 +271,14 @@ _HINTS = {
 
 
 def _require_no_file_above(path):
-    """Raise ValueError if a store cannot be made, because there is a file in place of a folder."""
+    """Raise ValueError if one of the folders in which the store `path` would be is a file."""
     for above in path.parents:
         if above.exists() and not above.is_dir():
             raise ValueError(f"store: {path}: {above} is a file, not a folder")
 
 
 def _require_same_study(opened, about):
-    """Raise ValueError if a store is of another study than `about` says."""
+    """Raise ValueError if an opened `ResultStore` is of another study than `about` says."""
     other = [
         f"{key} = {opened.about.get(key)}, not {value}"
         + (f" ({_HINTS[key]})" if key in _HINTS else "")

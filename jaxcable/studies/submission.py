@@ -19,7 +19,7 @@ _SECONDS_TO_STOP = 0.2  # after which it is asked again whether to stop
 _SECONDS_TO_LOOK = 1.0  # after which it is asked again how many workers there are
 
 Ended: TypeAlias = "Generator[tuple[int, BaseException | None], None, None]"
-"""Numbers of chunks that have ended, and the exceptions of those that are not written."""
+"""Indices of chunks that have ended, and the exceptions of those that are not written."""
 Stop: TypeAlias = Callable[[], bool]
 """Tells whether no further chunk shall begin."""
 
@@ -48,7 +48,7 @@ def as_ended(
 
     Args:
         submit: submits a chunk, and returns its future.
-        numbers: numbers of chunks.
+        numbers: indices of chunks.
         stop: tells whether to begin no further chunk.
         n_ahead: returns how many chunks to submit before they have ended, 0 while there is no
             worker; called every second.

@@ -49,7 +49,7 @@ class Settings:
 
     @classmethod
     def of_this_process(cls) -> Settings:
-        """Return the settings of this process."""
+        """Return the `Settings` that jax has in this process."""
         return cls(
             jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
             are_loops_fused(),
@@ -101,7 +101,7 @@ def summarize_error(error: BaseException) -> str:
 
 
 def shapes_of_chunk(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
-    """Return shapes and dtypes of a chunk of cases, from those of some cases."""
+    """Return shapes and dtypes of a whole chunk of cases, for cases such as those in `block`."""
     return jax.tree.map(
         lambda leaf: jax.ShapeDtypeStruct(
             (grid.chunk_size, *leaf.shape[1:]), jax.dtypes.canonicalize_dtype(leaf.dtype)
@@ -138,6 +138,7 @@ class ChunkTask:
 
     @functools.cached_property
     def _store(self):
+        """The store of the study, opened once as a `ResultStore`."""
         return ResultStore(self.path)
 
     def digest(self) -> str:
@@ -167,10 +168,10 @@ class ChunkTask:
             assert self.cases is not None
             block = self.cases.block(self.grid.numbers(k))
         with jax.enable_x64(self.settings.x64):  # of this thread
-            results, causes = self._compute(block)
+            results, causes = self._compute_block(block)
         self._store.write(k, results, causes)
 
-    def _compute(self, block):
+    def _compute_block(self, block):
         """Return results of all cases of a block, and causes of failure, [n] texts.
 
         A block for which the function raises is halved until the cases that do it are alone: they

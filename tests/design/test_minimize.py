@@ -15,7 +15,7 @@ from scipy import optimize
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.design.descent import LimitedMemory
+from jaxcable.design.descent import LBFGS
 
 X0 = jnp.array([-1.2, 1.0, -1.2, 1.0])
 UPPER = jnp.array([0.5, 2.0, 0.3, 2.0])
@@ -113,7 +113,7 @@ def test_starts_that_tell_no_size(optimizer):
 def test_quasi_newton_steps_are_those_of_optax():
     """With more steps than are in the memory."""
     rng = np.random.default_rng(0)
-    peer, memory = optax.lbfgs(linesearch=None), LimitedMemory()
+    peer, memory = optax.lbfgs(linesearch=None), LBFGS()
     state, update = peer.init(jnp.zeros(4)), traced(peer.update)
     matrix = np.diag([1.0, 4.0, 9.0, 16.0]) + 0.5
     for x in rng.normal(size=(13, 4)):

@@ -95,4 +95,4 @@ class TurningSprings(Element):
 
 def _angles(motion):
     """Rotation of a node as a vector, rad."""
-    return rotations.rotation_vector(rotations.to_stereographic(motion[0, 3:]))
+    return rotations.stereographic_to_rotation_vector(rotations.to_stereographic(motion[0, 3:]))

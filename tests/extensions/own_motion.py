@@ -86,16 +86,16 @@ class Moving(System):
         total = total[:, : len(mass) // len(x)]
         return self.space.pad_moments((mass @ total.reshape(-1)).reshape(total.shape)) / (1 - f)
 
-    def external_force(self, x, spread=None):
-        at = x if spread is None else self.space.motion_after_row_step(x, spread)
+    def external_force(self, x, row_step=None):
+        at = x if row_step is None else self.space.motion_after_row_step(x, row_step)
         ends = []
         for group, mass in zip(self.groups, self.masses, strict=True):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, at))
             ends.append(jax.vmap(self._resistance)(mass, *placed))
         f = self._numbers()[1]
         against = self.sum_at_rows(ends) + f / (1 - f) * self.begun.unbalanced
-        against = against if spread is None else self.space.conjugate_loads(against, spread)
-        return super().external_force(x, spread) - against
+        against = against if row_step is None else self.space.conjugate_loads(against, row_step)
+        return super().external_force(x, row_step) - against
 
     def external_stiffness_parts(self, x):
         def of_element(mass, begun, x):

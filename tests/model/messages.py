@@ -794,7 +794,7 @@ design.CableFatigue(category="rope")  # category = 'rope': expected one of prest
 design.MemberSection()  # cross-section: profile, yield_strength: missing
 design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
 design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
-design.MemberSection(profile=TUBE, yield_strength=235e6).chosen(FRAMED)
+design.MemberSection(profile=TUBE, yield_strength=235e6).checked_elements(FRAMED)
     # ...elements: missing; say which of 'beams', 'post'
 design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
     # section_class = 4: expected 1, 2 or 3

@@ -517,9 +517,9 @@ lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction
 lambda v: design.material_use(STRESSED, v),  # material_use: ...stress = -1.0
 lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 ## design/limit_checks.py
-lambda v: limited({"upper": v}),  # _set_limits: own: upper = -1.0: expected a positive limit
+lambda v: limited({"upper": v}),  # _validate_limits: own: upper = -1.0: expected a positive limit
 lambda v: limited({"lower": v}, upper=2.0), 1.0, 3.0
-    # _set_limits: own: lower = 3.0: expected below upper = 2.0
+    # _validate_limits: own: lower = 3.0: expected below upper = 2.0
 lambda v: design.TensionLimit(lower=v).terms(net(), STRESSED)["utilization"], 1.0, 0.0
     # __post_init__: tension that remains: lower = 0.0: expected a positive tension
 ## standards/cables.py
@@ -549,7 +549,7 @@ OTHERWISE = {
     "design/cable_loss.py:loss_of_cable": "no rule: whether there are forces",
     "design/cable_loss.py:_checked_state": "NaN where it is traced",
     "design/cable_loss.py:_require_active": "traced: the case ends in INVALID_INPUT",
-    "design/influence_line.py:known_pieces": "traced ones are refused",
+    "design/influence_line.py:known_stations_and_coefficients": "traced ones are refused",
     "design/influence_line.py:_checked_breaks": "traced ones are refused",
     "design/moving_loads.py:worst_position": "traced ones are refused",
     "loads/varying.py:describe": "no rule: what is said of it",
@@ -579,11 +579,11 @@ OTHERWISE = {
     "forms/equilibrium_matrix.py:nodes_as_numpy": "traced nodes are refused",
     "analysis/as_built.py:_first_phases": "no rule: known masks that are empty need no change",
     "design/actions.py:__post_init__": "no rule of numbers: shape and dtype, which are known",
-    "design/check.py:doubt": "a warning",
+    "design/check.py:warn_if_unusual": "a warning",
     "design/load_cases.py:_warn_of_unstable_cases": "a warning",
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
-    "stiffness/buckling.py:_must_not_be_slack": "NaN where it is traced",
+    "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
     "stiffness/vibration.py:_masses_of_nodes": "no rule: which library computes",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

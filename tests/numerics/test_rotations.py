@@ -43,7 +43,7 @@ def test_exponentials(angle):
 def test_small_rotations_without_cases(degrees, error):
     vector = np.deg2rad(degrees) * np.array([0.6, 0.0, -0.8])
     r = rotations.to_stereographic(-quaternion(vector))  # the same rotation
-    assert np.abs(rotations.small_rotation_vector(r) - vector).max() <= error
+    assert np.abs(rotations.small_stereographic_to_rotation_vector(r) - vector).max() <= error
 
 
 def test_a_moment_is_conjugate_to_spins():
@@ -52,7 +52,7 @@ def test_a_moment_is_conjugate_to_spins():
 
     def turned(spin):
         both = rotations.compose(rotations.exp_map(spin), q)
-        return rotations.small_rotation_vector(rotations.to_stereographic(both))
+        return rotations.small_stereographic_to_rotation_vector(rotations.to_stereographic(both))
 
     expected = jax.jacfwd(turned)(jnp.zeros(3)).T @ moment
     found = rotations.moment_conjugate_to_spin(rotations.to_stereographic(q), jnp.asarray(moment))

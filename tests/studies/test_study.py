@@ -14,7 +14,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.studies.grid import divide
+from jaxcable.studies.grid import divide_into_chunks
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
 FORCES = np.random.default_rng(0).uniform(-9.0, 9.0, (23, 4, 3))
@@ -74,7 +74,7 @@ def test_every_combination_is_where_its_coordinates_say(tmp_path, chunk):
 
 @pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5), 7), ((3, 2, 5), 10), ((2, 9), 1)])
 def test_chunks_are_all_cases_once(shape, chunk):
-    grid = divide(shape, chunk)
+    grid = divide_into_chunks(shape, chunk)
     numbers = [grid.numbers(k) for k in range(grid.n_chunk)]
     assert sorted(np.concatenate(numbers).tolist()) == list(range(int(np.prod(shape))))
     assert max(map(len, numbers)) == grid.chunk_size <= chunk
