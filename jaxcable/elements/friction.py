@@ -5,19 +5,21 @@ cable slips, against the slip:
 
     exp(-b) <= T_2 / T_1 <= exp(b),    b = mu theta,
 
-with the angle theta between the directions of the two segments (Euler, Eytelwein). On a pulley whose
-axle has friction, and on which the rope does not slip, the balance of moments about the axle gives
-``b = 2 asinh(k sin(theta / 2) / sqrt(1 - k^2))``, with k the friction coefficient of the axle times
-its radius over that of the pulley.
+with the angle theta between the directions of the two segments (Euler, Eytelwein). On a pulley
+whose axle has friction, and on which the rope does not slip, the balance of moments about the axle
+gives ``b = 2 asinh(k sin(theta / 2) / sqrt(1 - k^2))``, with k the friction coefficient of the axle
+times its radius over that of the pulley.
 
 Slips are not found by trial. In the logarithms of the tensions, y, friction has a potential: for
 given positions of the nodes the tensions minimize a strictly convex sum of functions ``H(y)`` of
-the segments, ``H' = m - a(exp y)`` with the unstressed length a that a segment takes under its tension
-and the length m that it has without slip, subject to ``|y_2 - y_1| <= b`` at every deviator. Slips
-are the multipliers of these bounds. Hence there is one solution, whatever the order in which the
-cable begins to slip at its deviators, and dynamic programming finds it in one pass along the cable:
-with the tension t that minimizes the sum over all segments up to one, the tension of this segment is t
-if that is within the bound of the next tension, and at the bound if not.
+the segments, ``H' = m - a(exp y)`` with the unstressed length a that a segment takes under its
+tension and the length m that it has without slip, subject to ``|y_2 - y_1| <= b`` at every
+deviator. Slips are the multipliers of these bounds. Hence there is one solution, whatever the order
+in which the cable begins to slip at its deviators, and dynamic programming finds it in one pass
+along the cable: with the tension t that minimizes the sum over all segments up to one, the tension
+of this segment is t if that is within the bound of the next tension, and at the bound if not.
+
+Without tension nothing slips: what a cable that has gone slack remembers is where it last was taut.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from ..numerics.implicit_root import TangentSolver, implicit_root
 
 _MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
+_ROUNDINGS = 64  # of eps, within which a slip is zero, or a ratio the largest one
 _CLAMPED = 80.0  # bound from which the cable is held: its exponential is finite in float32, too
 
 
@@ -61,8 +64,8 @@ class SegmentTensions(NamedTuple):
 
     Attributes:
         tension: [n], N.
-        sign: for every deviator 1 where the cable slips towards the next segment, so that the tension
-            there is larger by the largest ratio; -1 where it slips back; 0 where it sticks.
+        sign: for every deviator 1 where the cable slips towards the next segment, so that the
+            tension there is larger by the largest ratio; -1 where it slips back; 0 where it sticks.
     """
 
     tension: Float[Array, " n"]
@@ -109,11 +112,24 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
 def slips(segments: StraightSegments, found: SegmentTensions) -> Float[Array, " n_deviator"]:
     """Return the length that slips over each deviator in this increment, [n - 1], m.
 
-    It is unstressed length, positive towards the next segment; zero where the cable sticks, and where
-    it has no tension.
+    It is unstressed length, positive towards the next segment; zero where the cable sticks, and
+    where it has no tension.
     """
     later = jnp.triu(_shares_block(found.sign), 1)
     return (later @ _unused_excess(segments, found.tension))[:-1]
+
+
+def is_at_change(segments: StraightSegments, found: SegmentTensions) -> Bool[Array, " n_deviator"]:
+    """Return where the cable is between sticking and slipping, up to rounding, [n - 1] bool.
+
+    Tensions have no derivative there: under a larger load it slips, under a smaller one it sticks.
+    """
+    tension, eps = found.tension, _ROUNDINGS * jnp.finfo(segments.length.dtype).eps
+    taut = (tension[1:] > 0) & (tension[:-1] > 0)
+    ratio = jnp.where(taut, tension[1:], 1.0) / jnp.where(taut, tension[:-1], 1.0)
+    at_bound = jnp.abs(jnp.log(ratio)) >= segments.bound * (1 - eps) - eps
+    still = jnp.abs(slips(segments, found)) <= eps * jnp.sum(segments.length)
+    return taut & (segments.bound > 0) & at_bound & still
 
 
 def elongations(segments: StraightSegments, tension: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -144,9 +160,9 @@ def _shares_block(sign):
 def _mismatches(tension, parameters):
     """Return the mismatches of the equations of the tensions, one for each segment, [n], N.
 
-    Where the cable slips behind a segment, the next tension differs by the largest ratio. Otherwise
-    the segments up to this one that are connected by slips keep their unstressed length together, or
-    with a jack the first tension is that of the jack. A segment without tension has none.
+    Where the cable slips after a segment, the next tension differs by the largest ratio. Otherwise
+    the segments up to this one that are connected by slips keep their unstressed length together,
+    or with a jack the first tension is that of the jack. A segment without tension has none.
     `parameters` are `StraightSegments` and the signs of the slips.
     """
     segments, sign = parameters
@@ -183,6 +199,7 @@ def _search(segments):
     # infinite at clamps, where comparisons with it are false even if a tension is zero
     growth = jnp.where(segments.bound < _CLAMPED, jnp.exp(segments.bound), jnp.inf).astype(dtype)
     reach = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
+    rounding = 8 * jnp.finfo(dtype).eps
     first = stuck[0]
     if segments.jack is not None:
         force, jacked = segments.jack
@@ -205,8 +222,9 @@ def _search(segments):
     def go_back(later, at):
         own, ratio = at
         low, high = later / ratio, later * ratio
-        sign = jnp.where(own < low, 1.0, jnp.where(own > high, -1.0, 0.0))
-        sign = jnp.where(ratio <= 1, 1.0, sign).astype(dtype)
+        # at its bound the cable counts as slipping: so it does beside a jack, however it is rounded
+        rises, falls = own <= low * (1 + rounding), own >= high * (1 - rounding)
+        sign = jnp.where(rises, 1.0, jnp.where(falls, -1.0, 0.0)).astype(dtype)
         own = jnp.where(own < low, low, jnp.where(own > high, high, own))
         return own, (own, sign)
 
@@ -254,7 +272,7 @@ def _best_tension(segments, growth, best, i, alone, reach):
 
 
 def _total_mismatch(segments, growth, best, i, tension):
-    """Return by how much the segments that slip with segment i are too long at its tension, m.
+    """Return by how much the segments that slip with segment i are too long for its tension, m.
 
     It is the sum over the segments whose tension changes with that of segment i, which increases with
     it; and its derivative, m/N.

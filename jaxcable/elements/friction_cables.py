@@ -1,13 +1,14 @@
 """Cables that slide over their nodes with friction, or are clamped there.
 
 Every straight segment has a tension of its own, which `friction` finds for given positions of the
-nodes and given unstressed lengths of the segments. An increment remembers what has slipped over each
-node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
+nodes and given unstressed lengths of the segments. An increment remembers what has slipped over
+each node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -17,11 +18,13 @@ from ..common.tree import copy_with, index_array, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import STATEMENTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
+from .element_state import OwnState
 from .friction import (
     StraightSegments,
     axle_bound,
     deviation_angles,
     elongations_and_rates,
+    is_at_change,
     segment_tensions,
     slips,
 )
@@ -108,7 +111,12 @@ class FrictionCables(SlidingCables):
         *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
         Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
     )
-    per_element = (*SlidingCables.per_element, "friction", "axle_friction", "wobble")
+    per_element = (  # type: ignore[assignment]  # three more
+        *SlidingCables.per_element,
+        "friction",
+        "axle_friction",
+        "wobble",
+    )
 
     def __post_init__(self):
         super().__post_init__()
@@ -139,7 +147,7 @@ class FrictionCables(SlidingCables):
         count = index_array(self.links).shape[1] - 2
         return {"clamped": tuple(map(str, range(1, count + 1)))}
 
-    def has_tension_unknown(self, state: FrictionState) -> bool:
+    def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension can be an unknown of the equations: there are several."""
         return False
 
@@ -147,7 +155,7 @@ class FrictionCables(SlidingCables):
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> FrictionState:
         """Return the state before the first phase: all segments have one tension, without slip."""
-        state = super().start(ends)
+        state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         clamped = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
         return FrictionState(**fields, clamped=clamped, fed=jnp.zeros_like(state.rest_length))
@@ -160,13 +168,13 @@ class FrictionCables(SlidingCables):
 
     def apply_statements(
         self,
-        state: FrictionState,
+        state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
         statements: Mapping[str, StatedValues],
     ) -> FrictionState:
         """Return the state after the statements of a phase; see the class for shortenings."""
         known = {name: stated for name, stated in statements.items() if name != "clamped"}
-        state = super().apply_statements(state, ends, known)
+        state = super().apply_statements(state, ends, known)  # an `AxialState` of the same class
         if "clamped" in statements:
             stated = statements["clamped"]
             state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
@@ -175,12 +183,12 @@ class FrictionCables(SlidingCables):
         return state
 
     def committed_memory(
-        self, state: FrictionState, ends: Ends, motion: Motion, duration: float = 0.0
+        self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> Float[Array, " n_deviator"]:
         """Return what has slipped over the deviators of one cable so far, [n_deviator], m."""
         return self.slip(state, ends, motion)
 
-    def lock_off(self, state: FrictionState, ends: Ends, motion: Motion) -> FrictionState:
+    def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         stretched = elongations_and_rates(segments, found.tension)[0]
@@ -230,23 +238,21 @@ class FrictionCables(SlidingCables):
             bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
         return bound
 
-    def segment_tension(
-        self, state: FrictionState, ends: Ends, motion: Motion
-    ) -> Float[Array, " n"]:
+    def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         return jnp.where(segments.length > 0, found.tension, 0.0)
 
-    def tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+    def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the mean tension of one cable over its present length, N."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         return segments.length @ found.tension / jnp.sum(segments.length)
 
-    def peak_tension(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+    def peak_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the largest tension of the segments of one cable, N."""
         return jnp.max(self.segment_tension(state, ends, motion))
 
-    def slip(self, state: FrictionState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
+    def slip(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
         """Return what has slipped over each deviator so far, towards the next segment, m.
 
         It is unstressed length at the reference temperature.
@@ -256,12 +262,12 @@ class FrictionCables(SlidingCables):
         )
 
     def friction_used(
-        self, state: FrictionState, ends: Ends, motion: Motion
+        self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
         """Return the logarithm of the ratio of tensions at each deviator over the largest one.
 
-        It is 1 or -1 where the cable slips, towards the next segment or back. At a clamp it says how
-        much friction would be needed. Zero without tension, and where there is no friction.
+        It is 1 or -1 where the cable slips, towards the next segment or back. At a clamp it says
+        how much friction would be needed. Zero without tension, and where there is no friction.
         """
         tension = self._segments_with_tensions(state, ends, motion)[1].tension
         bound = self._friction_bound(ends, motion)
@@ -269,19 +275,21 @@ class FrictionCables(SlidingCables):
         ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
         return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
 
-    def is_slack(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+    def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether no segment of one cable has a tension."""
         return self.peak_tension(state, ends, motion) <= 0
 
-    def at_kink(self, state: FrictionState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one cable is between taut and slack."""
-        return self.is_unstressed(copy_with(state, memory=None, jack_force=None), ends, motion)
+    def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether one cable is between taut and slack, or somewhere about to slip."""
+        change = is_at_change(*self._segments_with_tensions(state, ends, motion))
+        unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
+        return jnp.any(change) | unstressed
 
-    def absolute_force(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+    def absolute_force(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the largest tension of one cable, N: the scale of rounding."""
         return self.peak_tension(state, ends, motion)
 
-    def end_forces(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
+    def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
         segment, length = moved_segments_with_lengths(ends, motion)
         density = self.segment_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
@@ -290,13 +298,13 @@ class FrictionCables(SlidingCables):
             return force
         return force - self.sliding_load_forces(state, ends, motion)
 
-    def energy(self, state: FrictionState, ends: Ends, motion: Motion) -> Scalar:
+    def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the stored energy of one cable, J; friction has no potential."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
         return jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
 
-    def rounding_error(self, state: FrictionState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
         segment, length = moved_segments_with_lengths(ends, motion)
         segments, found = self._segments_with_tensions(state, ends, motion)

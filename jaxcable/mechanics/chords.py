@@ -1,8 +1,8 @@
 """Axial forces of elements with two ends, or a chain of them, along the chords between these.
 
 They follow from end forces and tangents, so that they exist for bars, cables and elements of users
-without a formula of their own. A chain of straight segments (`Element.is_chain`) has a chord for each
-piece: its force is the sum of the forces at all later ends.
+without a formula of their own. A chain of straight segments (`Element.is_chain`) has one for each
+segment: its force is the sum of the forces at all later ends.
 """
 
 from __future__ import annotations
