@@ -274,7 +274,7 @@ def _best_tension(segments, growth, best, i, alone, reach):
 def _total_mismatch(segments, growth, best, i, tension):
     """Return by how much the segments that slip with segment i are too long for its tension, m.
 
-    It is the sum over the segments whose tension changes with that of segment i, which increases with
+    It is the sum over the segments whose tension changes with that of segment i, and increases with
     it; and its derivative, m/N.
     """
     n = len(best)

@@ -66,26 +66,30 @@ class FrictionCables(SlidingCables):
 
     At every node between its ends, a *deviator* (saddle, pulley, duct), the tensions of a cable on
     both sides differ at most by a factor ``exp(b)``, and by this factor where it slips, against the
-    slip: ``b = friction theta + wobble l``, theta the angle between the segments and l half of their
-    lengths together. Where it sticks, no unstressed length passes. Slips are found exactly, for all
-    deviators together (`elements.friction`), and remembered at the end of every increment: loads
-    can be reversed, and paths matter, so that several increments are more exact than one.
+    slip: ``b = friction theta + wobble l`` with theta the angle between the segments and l the mean
+    of their lengths. Where the cable sticks, no unstressed length passes. Slips are found exactly
+    for all deviators together (`elements.friction`), and remembered at the end of every increment:
+    loads can be reversed, and results depend on the path, so that more increments are more exact.
 
-    Phases clamp a cable to its deviators by ``Phase(own={"clamped": {"rope": values}})`` with 1
-    (clamped) or 0, one number, or [n_elem, n_deviator]; this holds until stated otherwise. A jack
-    pulls at the first end of the cable, and a shortening is taken out there, so that losses build
-    up along the cable; a negative shortening after lock-off is the draw-in of an anchor. All other
-    changes of length are those of all segments alike, with one tension where nothing has slipped.
+    A phase clamps a cable to deviators by ``Phase(own={"clamped": {"rope": values}})`` with 1
+    (clamped) or 0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack
+    pulls at the first end, and a shortening is taken out there, so that losses build up along the
+    cable; a negative shortening after lock-off is the draw-in of an anchor. Other changes of length
+    are those of all segments alike: without slip the cable has one tension.
+
+    `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
+    has passed each deviator, `friction_used` how far the friction there is used. Angles are those
+    between straight segments at a node: deviators have no radius.
 
     Args:
         links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
             compliance: as of `SlidingCables`; the law has no history variables.
         friction: coefficient of friction mu, scalar, [n_elem], or [n_elem, n_deviator] with
             ``n_deviator = n_end - 2``; default 0.
-        axle_friction: of pulleys that turn with the rope, the friction coefficient of the axle
+        axle_friction: of pulleys that turn with the cable, the friction coefficient of the axle
             times its radius over the radius of the pulley, likewise, below 1; default 0.
-        wobble: friction per length from unintended angles, scalar or [n_elem], 1/m, already
-            multiplied by mu; default 0.
+        wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
+            [n_elem], 1/m; default 0.
 
     Raises:
         ValueError: as of `SlidingCables`; a negative coefficient; a law with history variables.
@@ -93,11 +97,18 @@ class FrictionCables(SlidingCables):
     Source: Euler (1769) for the ratio of tensions.
 
     Example:
-        A rope over a fixed bar is pulled at one end with 1 kN; mu = 0.2, half a turn. It slips
-        until the other end, which a spring holds, has ``1000 exp(-0.2 pi)`` N:
+        A weight of 1 kN hangs on a rope that turns by 90 degrees over a fixed bar, mu = 0.2. The
+        anchor holds ``1000 exp(-0.2 pi / 2)`` N:
 
-        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.0, 0.0, -1.0]]
-        >>> rope = jc.FrictionCables(links=[[0, 1, 0]], axial_stiffness=1e6, friction=0.2)
+        >>> nodes = [[-3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+        >>> rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=1e6, friction=0.2)
+        >>> held = jc.pinned([0, 1]) + jc.restrained([2], "xy")
+        >>> structure = jc.Structure(nodes, {"rope": rope}, held)
+        >>> weight = jc.NodalLoads([2], (0.0, 0.0, -1000.0))
+        >>> solution = jc.solve(structure, jc.Phase(loads=weight))
+        >>> tensions = solution.element_results["segment_tension"]["rope"]
+        >>> print(solution.status, jnp.round(tensions, 6))
+        0 [[ 730.402691 1000.      ]]
     """
 
     friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
