@@ -11,7 +11,7 @@ from ..common import checks
 from ..files.csv_tables import TableRow
 from ..files.reading import FileError
 from ..stiffness.vibration import STANDARD_GRAVITY
-from .names import plain_name, unknown_name
+from .names import plain_name, unknown_name_error
 from .tables import CABLE_COLUMNS, needed_value, package_rows, read_rows, si_value, source_text
 
 UNIT_WEIGHT = 83e3
@@ -118,11 +118,11 @@ def cable(name: str, *, count: int = 1) -> CableData:
         True 9.61 N/m
     """
     checks.require_whole_number(count, "count")
-    table = _table()
+    table = _cables_by_name()
     plain = plain_name(name)
     if plain not in table:
         names = [other for row in _rows() for other in _all_names(row)]
-        raise unknown_name(name, names, "catalogue.cable_names() lists all names")
+        raise unknown_name_error(name, names, "catalogue.cable_names() lists all names")
     found = table[plain]
     if count == 1:
         return found
@@ -191,7 +191,7 @@ def load(path: str | PathLike[str]) -> dict[str, CableData]:
     """
     found = {}
     for row in read_rows(path, CABLE_COLUMNS, _NEEDED):
-        data = _cable_data(row)
+        data = _cable_from_row(row)
         if data.name in found:
             raise FileError(f"{row.place}: name {data.name!r} occurs twice")
         found[data.name] = data
@@ -199,9 +199,9 @@ def load(path: str | PathLike[str]) -> dict[str, CableData]:
 
 
 @functools.cache
-def _table():
-    """Read the cables of the package: a dict from plain name, also the other ones, to data."""
-    return {plain_name(name): _cable_data(row) for row in _rows() for name in _all_names(row)}
+def _cables_by_name():
+    """Read the package's cables: `CableData` by `plain_name`, also of their other names."""
+    return {plain_name(name): _cable_from_row(row) for row in _rows() for name in _all_names(row)}
 
 
 def _rows() -> tuple[TableRow, ...]:
@@ -210,13 +210,17 @@ def _rows() -> tuple[TableRow, ...]:
 
 
 def _all_names(row):
-    """Return the names of a row, a list."""
+    """Return the name and the other names of the cable in a `TableRow`, a list."""
     others = row.text("other_names")
     return [row.text("name"), *(word.strip() for word in others.split(";") if word.strip())]
 
 
-def _cable_data(row):
-    """Return the data of a row of a table of cables."""
+def _cable_from_row(row):
+    """Return the `CableData` of a `TableRow`, whose columns are those of `load`, in SI units.
+
+    Raise FileError, which names the row, for an empty or wrong field, and unless exactly one of
+    stiffness and modulus is given.
+    """
     if not row.text("name"):
         raise FileError(f"{row.place}: name: is empty")
     area, mass = needed_value(row, "area_mm2"), si_value(row, "mass_kg_per_m")

@@ -14,7 +14,7 @@ _EQUAL_LEGS = re.compile(r"(l|shs|rhs)([\d.]+)x\2x([\d.]+)")
 
 
 def plain_name(name: str) -> str:
-    """Return a name without what may be written in several ways.
+    """Return the normalized name of a profile or cable, by which spellings are compared.
 
     Spaces, hyphens and capitals do not count; the sign of multiplication is x, and a decimal comma
     a point. ``HE 200 A`` is the same as ``HEA 200``, and ``L 100x100x10`` as ``L 100x10``.
@@ -30,13 +30,13 @@ def plain_name(name: str) -> str:
     return text
 
 
-def unknown_name(name: str, names: Iterable[str], what: str) -> ValueError:
-    """Return the error of a name that is in no table, with the nearest names.
+def unknown_name_error(name: str, names: Iterable[str], what: str) -> ValueError:
+    """Return the ValueError for a name that is in no table; its text has up to three near names.
 
     Args:
         name: what was asked for.
         names: the names that there are.
-        what: what they are names of, and how to list them.
+        what: what they are names of, and how to list them; ends the text.
     """
     plain, wanted = {plain_name(one): one for one in names}, plain_name(name)
     alike = [one for one in plain if _NUMBER.sub("#", one) == _NUMBER.sub("#", wanted)]
@@ -47,6 +47,9 @@ def unknown_name(name: str, names: Iterable[str], what: str) -> ValueError:
 
 
 def _number_distance(one, other):
-    """Return how far the numbers in two names are apart: the sum of logarithms of ratios."""
+    """Return how far the numbers in two names are apart: the sum of |log(a / b)| over their pairs.
+
+    Both names have as many numbers.
+    """
     pairs = zip(_NUMBER.findall(one), _NUMBER.findall(other), strict=True)
     return sum(abs(math.log(max(float(a), 1e-9) / max(float(b), 1e-9))) for a, b in pairs)

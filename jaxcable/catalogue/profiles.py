@@ -15,7 +15,7 @@ from ..materials.law import Law
 from ..sections import Section
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import rolled, torsion_constants
-from .names import plain_name, unknown_name
+from .names import plain_name, unknown_name_error
 from .quads import Quad, quad_moments
 from .tables import (
     HOLLOW_COLUMNS,
@@ -173,10 +173,10 @@ def profile_data(name: str, *, manufacture: str = "hot-finished") -> ProfileData
     checks.require_one_of(manufacture, "manufacture", _MANUFACTURES)
     plain = plain_name(name)
     if found := _HOLLOW.fullmatch(plain):
-        return _hollow_data(found, manufacture)
-    table = _table()
+        return _hollow_profile(found, manufacture)
+    table = _rolled_table()
     if plain not in table:
-        raise unknown_name(name, profile_names(), "catalogue.profile_names() lists all names")
+        raise unknown_name_error(name, profile_names(), "catalogue.profile_names() lists all names")
     return table[plain]
 
 
@@ -200,7 +200,7 @@ def profile_names(family: str | None = None) -> list[str]:
         >>> print(jc.catalogue.profile_names("UPN")[:3], len(jc.catalogue.profile_names()))
         ['UPN 50', 'UPN 65', 'UPN 80'] 896
     """
-    names = [data.name for data in _table().values()] + list(dict.fromkeys(_hollow_names()))
+    names = [data.name for data in _rolled_table().values()] + list(dict.fromkeys(_hollow_names()))
     if family is None:
         return names
     families = list(dict.fromkeys(_family(one) for one in names))
@@ -209,7 +209,7 @@ def profile_names(family: str | None = None) -> list[str]:
 
 
 def _family(name):
-    """Return the family of a profile, which is its name without dimensions."""
+    """Return the family of a profile from its name, "IPE" of "IPE 300"."""
     return name.rpartition(" ")[0]
 
 
@@ -221,19 +221,22 @@ def _hollow_names() -> Iterator[str]:
 
 
 @functools.cache
-def _table():
-    """Read the rolled profiles: a dict from plain name to `ProfileData`."""
+def _rolled_table():
+    """Read the rolled profiles of the package: `ProfileData` by `plain_name`."""
     rows = package_rows("profiles.csv", PROFILE_COLUMNS)
-    return {plain_name(row.text("name")): _rolled_data(row) for row in rows}
+    return {plain_name(row.text("name")): _rolled_profile(row) for row in rows}
 
 
-def _rolled_data(row):
-    """Return the record of a row of the table of rolled profiles."""
+def _rolled_profile(row):
+    """Return the `ProfileData` of a `TableRow` of rolled profiles, in SI units.
+
+    Elastic moduli are computed from the second moments in the table and the nominal dimensions.
+    """
     name, shape = row.text("name"), row.text("shape")
     h, b, tw, tf, r = (needed_value(row, f"{key}_mm") for key in ("h", "b", "tw", "tf", "r"))
     r2 = si_value(row, "r2_mm") or 0.0
     moments = needed_value(row, "iy_cm4"), needed_value(row, "iz_cm4")
-    extent = _extents(_cells(shape, h, b, tw, tf, r, r2, max(h, b)))
+    extent = _edge_distances(_section_cells(shape, h, b, tw, tf, r, r2, max(h, b)))
     plastic = si_value(row, "wpl_y_cm3"), si_value(row, "wpl_z_cm3")
     return ProfileData(
         *(name, _family(name), shape, h, b, tw, tf, r, r2, needed_value(row, "mass_kg_per_m")),
@@ -243,8 +246,16 @@ def _rolled_data(row):
     )
 
 
-def _hollow_data(found, manufacture):
-    """Return the record of a hollow section from its match of `_HOLLOW`."""
+def _hollow_profile(found, manufacture):
+    """Return the `ProfileData` of a hollow section, computed from its dimensions in mm.
+
+    Corner radii are those of EN 10210-2 (hot-finished) or EN 10219-2 (cold-formed). Raise
+    ValueError for a wrong number of dimensions, or a wall too thick for them.
+
+    Args:
+        found: match of a plain name with `_HOLLOW`: kind, sides and wall thickness.
+        manufacture: "hot-finished" or "cold-formed".
+    """
     kind, t = found[1].upper(), float(found[3]) * 1e-3
     sides = [float(word) * 1e-3 for word in found[2].split("x")]
     name = f"{kind} {found[2]}x{found[3]}"
@@ -263,9 +274,9 @@ def _hollow_data(found, manufacture):
         too_thick = not (t > 0 and 2 * max(r, t + r2) < min(h, b))
     if too_thick:
         raise ValueError(f"name = {name!r}: the wall is too thick for the size")
-    cells = _cells(shape, h, b, t, t, r, r2, max(h, b))
-    area, _, (Iy, Iz, _) = _totals(cells)
-    torsion = _torsion(shape, h, b, t, t, r, r2)
+    cells = _section_cells(shape, h, b, t, t, r, r2, max(h, b))
+    area, _, (Iy, Iz, _) = _area_and_inertia(cells)
+    torsion = _torsion_constant(shape, h, b, t, t, r, r2)
     plastic = (
         ((h**3 - (h - 2 * t) ** 3) / 6,) * 2
         if shape == "circle"
@@ -278,15 +289,22 @@ def _hollow_data(found, manufacture):
 
 
 def _plastic_modulus(h, b, t, outer, inner):
-    """Return the plastic modulus of a rectangular hollow section, m3 (EN 10210-2, annex A)."""
+    """Return the plastic modulus of a rectangular hollow section, m3 (EN 10210-2, annex A).
+
+    It is about the axis across the height `h`; `outer` and `inner` are the radii of the corners, m.
+    """
     share, arm = 1 - np.pi / 4, (10 - 3 * np.pi) / (12 - 3 * np.pi)
     solid = b * h**2 / 4 - 4 * share * outer**2 * (h / 2 - arm * outer)
     hole = (b - 2 * t) * (h - 2 * t) ** 2 / 4
     return solid - hole + 4 * share * inner**2 * (h / 2 - t - arm * inner)
 
 
-def _cells(shape, h, b, tw, tf, r, r2, size) -> list[Quad]:
-    """Return the cells of a shape, in axes of its own."""
+def _section_cells(shape, h, b, tw, tf, r, r2, size) -> list[Quad]:
+    """Return the quadrilateral cells of a section of a `ProfileData.shape`, in axes of its own.
+
+    Dimensions are those of `ProfileData`, m; `size` is the largest side of a cell, m. The axes are
+    those of `rolled`.
+    """
     if shape == "I":
         return rolled.i_cells(h, b, tw, tf, r, size)
     if shape == "L":
@@ -299,8 +317,8 @@ def _cells(shape, h, b, tw, tf, r, r2, size) -> list[Quad]:
     return rolled.u_cells(h, b, tw, tf, r, r2, slope, size)
 
 
-def _torsion(shape, h, b, tw, tf, r, r2) -> float:
-    """Return the torsion constant of a shape, m4."""
+def _torsion_constant(shape, h, b, tw, tf, r, r2) -> float:
+    """Return the torsion constant of a section of `ProfileData.shape`, m4; dimensions in m."""
     if shape == "I":
         return torsion_constants.i_torsion(h, b, tw, tf, r)
     if shape == "L":
@@ -312,32 +330,39 @@ def _torsion(shape, h, b, tw, tf, r, r2) -> float:
     return torsion_constants.u_torsion(h, b, tw, tf, r)
 
 
-def _totals(cells):
-    """Return area, centroid [2] and second moments about it [3] of all cells together."""
+def _area_and_inertia(cells):
+    """Return area, centroid (y, z), and second moments (z^2, y^2, y z) about it, of all cells.
+
+    They are in m2, m and m4.
+    """
     area, centroid, own = quad_moments(cells)
     middle = area @ centroid / area.sum()
     y, z = (centroid - middle).T
     return area.sum(), middle, own.sum(0) + area @ np.stack([z * z, y * y, y * z], -1)
 
 
-def _extents(cells):
-    """Return the largest distances along y and z from the centroid, [2], m."""
+def _edge_distances(cells):
+    """Return the largest distances along y and z of any corner from the centroid, [2], m."""
     corners = np.concatenate([cell.corners for cell in cells])
-    return np.abs(corners - _totals(cells)[1]).max(axis=0)
+    return np.abs(corners - _area_and_inertia(cells)[1]).max(axis=0)
 
 
 def _make_section(data, law, size):
-    """Return the fibre section of a record."""
+    """Return the fibre `Section` of a `ProfileData`, its centroid at the origin.
+
+    `size` is the largest side of a fibre, m; None for an eighth of height or width. Raise
+    ValueError unless it is positive and finite.
+    """
     if size is None:
         size = max(data.h, data.b) / 8
     elif not 0 < size < np.inf:
         raise ValueError(f"size = {size}: must be positive and finite")
     numbers = data.h, data.b, data.tw, data.tf, data.r, data.r2
-    cells = _cells(data.shape, *numbers, float(size))
+    cells = _section_cells(data.shape, *numbers, float(size))
     area, centroid, own = quad_moments(cells)
     middle = area @ centroid / area.sum()
     y, z = (centroid - middle).T
     points = np.concatenate([cell.corners for cell in cells]) - middle
     corners = np.arange(4 * len(cells)).reshape(-1, 4)
-    torsion = np.array([_torsion(data.shape, *numbers)])
+    torsion = np.array([_torsion_constant(data.shape, *numbers)])
     return Section(y, z, area, law, None, torsion, points, corners, own)

@@ -100,10 +100,11 @@ def fillet(
 def quad_moments(
     quads: Iterable[Quad],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 2"], Float[np.ndarray, "m 3"]]:
-    """Return area [m], centroid [m, 2] and second moments [m, 3] of quadrilaterals.
+    """Return area [m], centroid [m, 2] and second moments [m, 3] of m quadrilaterals.
 
-    The second moments, integrals of ``z^2, y^2, y z``, are about axes through the centroid of each.
-    The integrals are those of Green's theorem along the sides.
+    The second moments, integrals of ``z^2, y^2, y z``, are about axes through the centroid of each;
+    the order of the corners, clockwise or not, has no influence. The integrals are those of Green's
+    theorem along the sides.
     """
     quads = list(quads)
     corners = np.array([one.corners for one in quads])

@@ -13,7 +13,10 @@ from .quads import Quad, fillet, quad, split_quad
 
 
 def i_cells(h: float, b: float, tw: float, tf: float, r: float, size: float) -> list[Quad]:
-    """Return the cells of a doubly symmetric I of height `h` and width `b` with fillets `r`."""
+    """Return the cells of a doubly symmetric I: height `h` and width `b`, fillets of radius `r`.
+
+    `tw` and `tf` are the thicknesses of web and flanges, m.
+    """
     w, inner = tw / 2, h / 2 - tf
     flange = split_quad((-b / 2, inner), (b / 2, inner), (b / 2, h / 2), (-b / 2, h / 2), size)
     root = fillet((w, inner), (1.0, 0.0), (0.0, -1.0), r)
@@ -56,7 +59,7 @@ def u_cells(
 
 
 def flange_thickness_at(h: float, b: float, tw: float) -> float:
-    """Return the distance from the back of a UPN at which its flange thickness is measured, m."""
+    """Return the distance from the back of a UPN where its flange thickness is measured, m."""
     return b / 2 if h <= 0.3 else (b + tw) / 2
 
 
@@ -76,7 +79,10 @@ def l_cells(a: float, t: float, r: float, r2: float, size: float) -> list[Quad]:
 def rectangular_cells(
     h: float, b: float, t: float, outer: float, inner: float, size: float
 ) -> list[Quad]:
-    """Return the cells of a rectangular hollow section; its corners have radii `outer`, `inner`."""
+    """Return the cells of a rectangular hollow section of height `h` and width `b`.
+
+    `t` is the wall thickness; `outer` and `inner` are the radii of the corners, m.
+    """
     y, z = b / 2, h / 2
     wall = split_quad(
         (-(y - outer), z), (y - outer, z), (y - t - inner, z - t), (-(y - t - inner), z - t), size
@@ -101,7 +107,10 @@ def rectangular_cells(
 
 
 def circular_cells(d: float, t: float, size: float) -> list[Quad]:
-    """Return the cells of a circular hollow section: one through the wall."""
+    """Return the cells of a circular hollow section, one through the wall.
+
+    `d` is the outer diameter and `t` the wall thickness, m; 16 cells or more are around it.
+    """
     count = max(16, int(np.ceil(np.pi * d / size - 1e-9)))
     angle = 2 * np.pi * np.arange(count + 1) / count
     way = np.column_stack([np.cos(angle), np.sin(angle)])

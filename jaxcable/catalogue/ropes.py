@@ -112,7 +112,11 @@ def _positive_number(value, name):
 
 
 def _spiral_rope(construction, diameter, layers):
-    """Return the numbers of a spiral strand or a locked coil rope by EN 1993-1-11."""
+    """Return the `CableData` of a spiral strand or a locked coil rope by EN 1993-1-11.
+
+    `construction` is a key of `_SPIRAL`, `diameter` is in m. Raise ValueError unless `layers` is a
+    whole number of at least 1.
+    """
     kind, modulus, expansion = _SPIRAL[construction]
     checks.require_whole_number(layers, "layers")
     factors = _FILL_FACTORS[kind]
@@ -134,7 +138,7 @@ def _spiral_rope(construction, diameter, layers):
 
 @functools.cache
 def _stranded_ropes():
-    """Read the factors of stranded ropes: dict from construction to area, mass, force, modulus."""
+    """Read the factors of stranded ropes by construction: area, mass, force, and modulus (Pa)."""
     return {
         row.text("name"): (
             *(row.number(name) for name in ROPE_COLUMNS[1:4]),

@@ -45,7 +45,9 @@ ROPE_COLUMNS = ("name", "area_factor", "mass_factor", "force_factor", "modulus_g
 
 
 def si_value(row: TableRow, column: str) -> float | None:
-    """Return a number of a row in SI units, or None where the field is empty.
+    """Return the number of a row in a column, in SI units, or None where the field is empty.
+
+    The unit of the table is in the name of the column, such as ``area_mm2``.
 
     Raises:
         FileError: the field is no number, or the number is not positive.
@@ -62,7 +64,11 @@ def si_value(row: TableRow, column: str) -> float | None:
 
 
 def needed_value(row: TableRow, column: str) -> float:
-    """Return a number of a row in SI units; FileError where the field is empty."""
+    """Return the number of a row in a column, in SI units.
+
+    Raises:
+        FileError: the field is empty, no number, or not positive.
+    """
     value = si_value(row, column)
     if value is None:
         raise FileError(f"{row.place}: {column}: is empty")
@@ -72,7 +78,13 @@ def needed_value(row: TableRow, column: str) -> float:
 def read_rows(
     path: str | PathLike[str], columns: Sequence[str], needed: Sequence[str], key: str = "cables"
 ) -> list[TableRow]:
-    """Read the rows of a table of a user, ``.csv`` or ``.json``; other columns are left out.
+    """Read the rows of a user's table, ``.csv`` or ``.json``; unknown columns are left out.
+
+    Args:
+        path: path of the file.
+        columns: names of the columns that are read, in lower case.
+        needed: those of them that must be there.
+        key: key of the list of rows in a JSON object.
 
     Raises:
         OSError, FileError: as `files.read_csv`.
@@ -99,17 +111,20 @@ def read_rows(
 
 @functools.cache
 def package_rows(name: str, columns: tuple[str, ...]) -> tuple[TableRow, ...]:
-    """Read the rows of a table of the package, once."""
+    """Return the rows of a table of the package with these columns, read once.
+
+    `name` is the name of its file beside this module.
+    """
     with resources.as_file(resources.files(__package__) / name) as path:
         return tuple(read_table(path, columns, columns, None, Omissions(path), LARGEST))
 
 
 @functools.cache
-def _sources() -> dict[str, str]:
-    """Read the sources of the tables of the package, by their short names."""
+def _sources_by_key() -> dict[str, str]:
+    """Read the sources of the tables of the package, full texts by their short names."""
     return json.loads((resources.files(__package__) / "sources.json").read_text("utf-8"))
 
 
 def source_text(key: str) -> str:
-    """Return the source that a short name stands for; other texts as they are."""
-    return _sources().get(key, key)
+    """Return the full text of a source from its short name; other texts as they are."""
+    return _sources_by_key().get(key, key)

@@ -11,7 +11,11 @@ import numpy as np
 
 
 def i_torsion(h: float, b: float, tw: float, tf: float, r: float) -> float:
-    """Return the torsion constant of an I with fillets `r`, m4."""
+    """Return the torsion constant of an I, m4.
+
+    `h` and `b` are height and width, `tw` and `tf` thicknesses of web and flanges, `r` is the
+    radius of the fillets, m.
+    """
     alpha = (
         -0.042
         + 0.2204 * tw / tf
@@ -25,20 +29,30 @@ def i_torsion(h: float, b: float, tw: float, tf: float, r: float) -> float:
 
 
 def u_torsion(h: float, b: float, tw: float, tf: float, r: float) -> float:
-    """Return the torsion constant of a U with fillets `r`, m4; `tf` is the mean of a flange."""
+    """Return the torsion constant of a U, m4; arguments as of `i_torsion`.
+
+    `tf` is the mean thickness of a flange.
+    """
     plates = 2 / 3 * b * tf**3 + (h - 2 * tf) * tw**3 / 3
     return plates + 2 * _corner_term(tw, tf, r) - 0.42 * tf**4
 
 
 def l_torsion(a: float, t: float, r: float) -> float:
-    """Return the torsion constant of an equal angle with legs `a` and a fillet `r`, m4."""
+    """Return the torsion constant of an equal angle, m4.
+
+    `a` is the length of a leg, `t` its thickness and `r` the radius of the fillet, m.
+    """
     alpha = 0.0768 + 0.0479 * r / t
     disc = 2 * (3 * r + 2 * t - np.sqrt(2.0) * (2 * r + t))
     return (2 * a - t) * t**3 / 3 + alpha * disc**4 - 0.21 * t**4
 
 
 def rectangular_torsion(h: float, b: float, t: float, outer: float, inner: float) -> float:
-    """Return the torsion constant of a rectangular hollow section, m4 (EN 10210-2, annex A)."""
+    """Return the torsion constant of a rectangular hollow section, m4 (EN 10210-2, annex A).
+
+    `h` and `b` are height and width, `t` is the wall thickness, `outer` and `inner` are the radii
+    of the corners, m.
+    """
     mean = (outer + inner) / 2
     length = 2 * (b - t + h - t) - 2 * mean * (4 - np.pi)
     inside = (b - t) * (h - t) - mean**2 * (4 - np.pi)
@@ -46,7 +60,10 @@ def rectangular_torsion(h: float, b: float, t: float, outer: float, inner: float
 
 
 def _corner_term(tw, tf, r):
-    """Return what the disc in the corner of two plates adds to the torsion constant, m4."""
+    """Return what the disc inscribed in one corner of a U adds to its torsion constant, m4.
+
+    `tw`, `tf` and `r` are as of `u_torsion`.
+    """
     alpha = (
         -0.0908
         + 0.2621 * tw / tf

@@ -70,7 +70,17 @@ def solve_combinations(
     found: Combinations,
     method: Newton | Incremental | None,
 ) -> Solution:
-    """Analyse all combinations as one batch; say on stderr that a long analysis runs."""
+    """Analyse all combinations as one batch; say on stderr that a long analysis runs.
+
+    Args:
+        options: options of the command.
+        structure, phases: those of the scene, in which cases begin.
+        found: the `Combinations`.
+        method: method of the analysis, None for the default.
+
+    Returns:
+        `Solution` with a leading axis of cases.
+    """
     increments = sum(phase.increments for phase in phases) + len(found) * found.increments
     long = is_long_analysis(options, structure, increments)
     begin = time.monotonic()

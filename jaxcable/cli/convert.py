@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
 
 
 def _refuse_scripts(options):
-    """Raise `BadInput` for Python scripts: those of OpenSees are results, and none are read."""
+    """Raise `BadInput` if a Python script, also one of OpenSees, is to be read or written."""
     if any(name.lower().endswith(".py") for name in options.files):
         raise BadInput(
             f"{options.files[0]}: scripts are not read, those of OpenSees neither: give the net as "
@@ -72,7 +72,7 @@ def _scene_of_net(options):
     properties = {}
     for name in PROPERTIES:
         if (words := getattr(options, name)) is not None:
-            read = inputs.reader_of_numbers(units, unit_of_net_value(name))
+            read = inputs.number_parser(units, unit_of_net_value(name))
             properties[name] = inputs.parse_numbers(words, "--" + name.replace("_", "-"), read)
     try:
         scene = net.scene(inputs.parse_anchors(options.anchors), bars=options.bars, **properties)

@@ -93,7 +93,7 @@ def files_to_write(path: str | None, tables: Mapping[str, str | tuple[str, ...]]
 
 
 def _was_written_by_jaxcable(path, line_starts):
-    """Return whether the first line of the file at a `Path` is that of a table of this program.
+    """Return whether the first line of a file is that of a table of this program.
 
     `line_starts` is one text or several, as in `RESULT`.
     """

@@ -82,7 +82,7 @@ def run(options: Namespace) -> None:
         status.raise_if_failed(form)
         positions, stated = form.positions, {"pretension": form.tension}
         if bends:
-            lengths = _lengths_to_cut(structure, form, given)
+            lengths = _lengths_of_stated_groups(structure, form, given)
             positions, stated = structure.nodes, {"rest_length": lengths}
         print(
             f"status {int(form.status)}: {status.describe(form.status)}, "
@@ -109,7 +109,8 @@ def run(options: Namespace) -> None:
 def _select_form_loads(options, scene, table):
     """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase.
 
-    Loads that form finding cannot take stay in their phase, and are counted in `table`.
+    Loads that form finding cannot take stay in their phase, and are added to `table`, the
+    omissions.
     """
     phases, units = scene.phases, scene.units or SI
     words, per_phase = options.loads, [as_list(phase.loads) for phase in phases]
@@ -156,15 +157,16 @@ def _form_force_densities(options, scene, lengths, table):
     """Return the force densities of the form in the shape of the elements; None with tensions.
 
     They are those of ``--force-density``, and for groups that it does not name those of the first
-    phase that has any. All other prestress in the scene is replaced by that of the form, and noted
-    in `table`.
+    phase that has any, in N/m. All other prestress in the scene is replaced by that of the form,
+    and added to `table`, the omissions. `lengths` are those of ``--length``, or None. Raise
+    BadInput if there is neither a force density nor a tension.
     """
     structure, phases = scene
     names = [name for name, _ in named_groups_of(structure)]
     own = next((k for k, phase in enumerate(phases) if phase.force_density is not None), None)
     given: Any = None
     if options.force_density is not None:
-        read = inputs.reader_of_numbers(scene.units, "N/m")
+        read = inputs.number_parser(scene.units, "N/m")
         given = inputs.parse_group_values(
             options.force_density, structure, "--force-density", read=read
         )
@@ -184,7 +186,7 @@ def _form_force_densities(options, scene, lengths, table):
         some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
         print(f"force densities: those of phase {own + 1}{some}")
     whole_phase = used == [q is not None for q in scene]
-    _count_replaced_inputs(phases, own if whole_phase else None, table)
+    _record_replaced_inputs(phases, own if whole_phase else None, table)
     if not any(used):
         return given
     return structure.arrange(
@@ -193,10 +195,11 @@ def _form_force_densities(options, scene, lengths, table):
 
 
 def _values_by_group(options, structure, units, densities, lengths):
-    """Return tensions, force densities and lengths in the shape of the elements, as a dict by name.
+    """Return {"tension": N, "force_density": N/m, "length": m} in the shape of the elements.
 
     One number is for all groups of straight elements that have no other value and are not free.
-    Raise BadInput for a group with several of them, or with none that is not free.
+    Raise BadInput for a group with several of them, or with none that is not free. `densities` and
+    `lengths` are results of `_form_force_densities` and `_parse_lengths`.
     """
     names = [name for name, _ in named_groups_of(structure)]
     free = options.free or []
@@ -205,7 +208,7 @@ def _values_by_group(options, structure, units, densities, lengths):
             raise BadInput(f"--free: no group {name!r}; there are {', '.join(names)}")
     tension = None
     if options.tension is not None:
-        read = inputs.reader_of_numbers(units, "N")
+        read = inputs.number_parser(units, "N")
         tension = inputs.parse_group_values(options.tension, structure, "--tension", read=read)
     given = {"tension": tension, "force_density": densities, "length": lengths}
     found = {key: value_per_group(value, structure, key) for key, value in given.items()}
@@ -228,8 +231,12 @@ def _values_by_group(options, structure, units, densities, lengths):
     return {key: structure.arrange(values) for key, values in found.items()}
 
 
-def _lengths_to_cut(structure, form, given):
-    """Return unstressed lengths of the groups with a value in `given`, in the shape of elements."""
+def _lengths_of_stated_groups(structure, form, given):
+    """Return unstressed lengths of a form, m, in the shape of the elements.
+
+    Groups without a value in `given`, the result of `_values_by_group`, have None: they keep
+    theirs.
+    """
     trees = (form.rest_length, *given.values())
     per_group = zip(*map(structure.group_tree.flatten_up_to, trees), strict=True)
     return structure.arrange(
@@ -240,8 +247,8 @@ def _lengths_to_cut(structure, form, given):
     )
 
 
-def _count_replaced_inputs(phases, own, table):
-    """Count in `table` what the form replaces: prestress of the scene, and additions of elements.
+def _record_replaced_inputs(phases, own, table):
+    """Add to `table`, the omissions, what the form replaces: prestress, and additions of elements.
 
     The force density of the phase with index `own` is kept; None keeps none.
     """
@@ -256,7 +263,7 @@ def _count_replaced_inputs(phases, own, table):
 
 
 def _is_planar(positions):
-    """Return whether all nodes, [n_node, 3], lie in a plane up to rounding."""
+    """Return whether all positions, [n_node, 3], lie in one plane up to rounding."""
     places = np.asarray(positions, float)
     sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return len(sizes) < 3 or sizes[2] <= 1e-9 * sizes[0]
@@ -285,9 +292,10 @@ def _phases_after_form(phases, remaining_loads):
 
 
 def _names_after_form(scene, later):
-    """Return the names of the form's phase and of those after it; None if the scene has no names.
+    """Return the names of the phase of the form and of those after it; None without names.
 
-    The first name is that of the first phase, unless a part of this phase follows the form.
+    The first name is that of the first phase, unless a part of this phase follows the form. `later`
+    is the result of `_phases_after_form`.
     """
     if scene.phase_names is None:
         return None
@@ -299,21 +307,22 @@ def _names_after_form(scene, later):
 
 
 def _parse_lengths(words, structure, units):
-    """Return the lengths that ``--length`` gives in `units`, m, in the shape of the elements.
+    """Return the lengths that ``--length`` gives, m, in the shape of the elements; None without.
 
-    None if it gives none.
+    `words` are those behind the option, with numbers in `units`.
     """
     if words is None:
         return None
     drawn = inputs.element_lengths(structure)
-    read = inputs.reader_of_numbers(units, "m")
+    read = inputs.number_parser(units, "m")
     return inputs.parse_group_values(words, structure, "--length", drawn, read)
 
 
 def _force_density_positions(structure, densities, loads):
     """Return the positions of the nodes that force densities give, [n_node, 3], m.
 
-    Raise `AnalysisError` if these force densities have no equilibrium shape.
+    `densities` have the shape of the elements, in N/m. Raise `AnalysisError` if these force
+    densities have no equilibrium shape.
     """
     positions = force_density(structure, densities, loads)
     if not np.isfinite(np.asarray(positions)).all():

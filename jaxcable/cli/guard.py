@@ -77,7 +77,7 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
 
 
 def _report_error(error):
-    """Print an error in one line and return the exit status; raise again what is a defect."""
+    """Print an error in one line and return the exit status; raise it again if it is a defect."""
     if isinstance(error, AnalysisError):
         print_message(str(error))
         return FAILED
@@ -98,7 +98,10 @@ def _report_error(error):
 
 
 def _print_warning(message, category, *_, **__):
-    """Print a warning in one line without its line of code; rows of its table in further lines."""
+    """Print a warning on stderr in one line, without its line of code.
+
+    Rows of a table in it follow in further lines. Arguments are those of `warnings.showwarning`.
+    """
     ours = issubclass(category, InputWarning | UnstableWarning)
     first, *rows = str(message).splitlines() or [""]
     print_message(f"warning: {first}" if ours else first)

@@ -55,7 +55,10 @@ def run(options: Namespace) -> None:
 
 
 def _print_scene(scene, stated):
-    """Print the size, supports, groups and phases of a scene, in the units `stated` if not None."""
+    """Print the size, supports, groups and phases of a scene.
+
+    Numbers are in the units `stated`; None for SI.
+    """
     structure, phases = scene
     units = stated or SI
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
@@ -196,6 +199,9 @@ def _group_corners(net):
 
 
 def _bounding_box_text(nodes, units):
-    """Return the sides of the bounding box of nodes as text in `units`: "8 x 6 x 2 m"."""
+    """Return the sides of the bounding box of nodes as text: "8 x 6 x 2 m".
+
+    `nodes` are positions, [n_node, 3], m; the text is in `units`.
+    """
     sides = units.from_si(np.ptp(nodes, axis=0).astype(float), "m")
     return " x ".join(format_number(float(v)) for v in sides) + f" {units.length}"

@@ -16,7 +16,7 @@ from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.net_doubts import pluralize
 from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
-from ..files.reading import FileError, number, parse_integer, read_json
+from ..files.reading import FileError, parse_integer, parse_number, read_json
 from ..files.scene import FORMAT
 from ..model.plausibility import lengths_over_nodes
 from ..model.result_parts import active_nodes, named_groups_of
@@ -137,13 +137,16 @@ def refuse_options_of_other_formats(options: Namespace) -> None:
 
 
 def _length_in_m(options, name):
-    """Return a length on the command line, m, of which ``--units`` says the unit; or None."""
+    """Return the length that an option gives, converted from ``--units`` to m; None without it."""
     value, units = getattr(options, name), parse_units(options.units)
     return value if value is None or units is None else units.to_si(value, "m")
 
 
 def _parse_column_names(words):
-    """Return names of columns such as ``x=X_COORD y=...`` as a dict; None if `words` is None."""
+    """Return names of columns in a file, words like ``x=X_COORD``, as a dict; None stays.
+
+    Raise BadInput for a word without both names.
+    """
     if words is None:
         return None
     pairs = [part.partition("=") for word in words for part in word.split(",") if part]
@@ -193,16 +196,16 @@ def _read_net_files(options):
     )
 
 
-def reader_of_numbers(units: Units | None, unit: str) -> Callable[[str], float]:
+def number_parser(units: Units | None, unit: str) -> Callable[[str], float]:
     """Return a function that parses a number in `units` (None: SI) and returns it in SI.
 
-    `unit` is the SI unit of the number.
+    `unit` is the SI unit of the number. The function raises ValueError for any other text.
     """
-    return number if units is None else lambda word: units.to_si(number(word), unit)
+    return parse_number if units is None else lambda word: units.to_si(parse_number(word), unit)
 
 
 def parse_numbers(
-    words: Sequence[str], name: str, read: Callable[[str], Any] = number
+    words: Sequence[str], name: str, read: Callable[[str], Any] = parse_number
 ) -> float | dict[str, float]:
     """Parse numbers of an option: one for all groups, or ``group=number`` for some of them.
 
@@ -228,7 +231,7 @@ def parse_group_values(
     structure: Structure,
     name: str,
     drawn: Sequence[Any] | None = None,
-    read: Callable[[str], float] = number,
+    read: Callable[[str], float] = parse_number,
 ) -> float | PyTree[Any]:
     """Parse numbers of an option: one for all elements, or ``group=number`` for groups.
 
@@ -265,7 +268,10 @@ def element_lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
 
 
 def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
-    """Return the supported nodes of an option such as ``0 3 5-8 ends``: numbers and "ends"."""
+    """Return the supported nodes of an option such as ``0 3 5-8 ends``: indices and "ends".
+
+    None without any words. Raises BadInput for other words.
+    """
     if not words:
         return None
     found: list[int | str] = []
@@ -292,9 +298,10 @@ def number_text(value: float, unit: str, units: Units | None = None) -> str:
 def largest_displacement(
     structure: Structure, moved: Float[ArrayLike, "n_node 3"], present: Any, units: Units | None
 ) -> tuple[float, str]:
-    """Return the largest of displacements, m, and a text such as "0.03 m at node 5" in `units`.
+    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`.
 
-    Nodes of which all elements are absent do not count; `present` is `Solution.present`.
+    `moved` are displacements, [n_node, 3], m. Nodes of which all elements are inactive do not
+    count; `present` is `Solution.present`.
     """
     sizes = np.linalg.norm(moved, axis=1) * active_nodes(structure, present)
     node = int(sizes.argmax())

@@ -29,7 +29,7 @@ ROUNDING = 1e-9
 """Relative to a limit: two analyses of the same numbers differ by less."""
 _MOST_NAMED = 12
 """Largest number of slack elements of a group, and of cases with such, that are named."""
-_HARDLY_TAUT = 0.01
+_NEARLY_SLACK = 0.01
 """Tension over the largest of all cables below which a cable is slack in practice.
 
 Prestress is never installed so precisely that less remains for sure.
@@ -40,10 +40,11 @@ _STRAIN = 1e-3
 """What strains of cables are divided by: a gross violation of a limit is then about 1."""
 
 
-def _limited_groups(structure, values, lowest):
-    """Return the values [n_elem], by group, of the groups that limits on tensions are for.
+def _limited_values(structure, values, lowest):
+    """Return element values by group, a list, with None for groups without a limit on tensions.
 
-    These are cables; `lowest`, N, if not None, limits all elements of a structure without cables.
+    Limited are cables; with `lowest`, N, not None, all elements of a structure without cables.
+    `values` are [n_elem] in the shape of the elements.
     """
     cables = [group.tension_only for group in structure.groups]
     limited = cables if any(cables) or lowest is None else [True] * len(cables)
@@ -54,14 +55,15 @@ def _limited_groups(structure, values, lowest):
 def tension_margins(
     structure: Structure, solution: Solution, lowest: float | None
 ) -> list[Float[Array, " n_elem"]]:
-    """Return how far tensions are above `lowest`, N, over it; None: how far cables are from slack.
+    """Return the margins of tensions above a limit, relative to it, [n_elem] by limited group.
 
-    These are arrays [n_elem], without unit, for each group that is limited. Of a slack cable it is
-    the strain, over 1e-3, from that at which it goes slack, since its force has no derivative.
+    With `lowest`, N, a margin is tension / lowest - 1; with None it is the distance of a cable from
+    slack. A slack cable has its (negative) strain from where it goes slack, over 1e-3, since its
+    force has no derivative. Inactive elements have margin 1.
     """
     margins = []
     parts = (
-        _limited_groups(structure, solution.tension, lowest),
+        _limited_values(structure, solution.tension, lowest),
         items_per_group(structure, design.slack_distance(structure, solution)),
         items_per_group(structure, solution.present),
     )
@@ -75,8 +77,8 @@ def tension_margins(
     return margins
 
 
-def largest_utilization(structure: Structure, solution: Solution) -> list[Float[Array, ""]]:
-    """Return a smooth bound of the largest utilization of active elements, -, in a list.
+def utilization_bound(structure: Structure, solution: Solution) -> list[Float[Array, ""]]:
+    """Return a smooth upper bound of the largest utilization of active elements, -, in a list.
 
     The list is empty if no element has a strength. The bound is above the largest of n utilizations
     by at most 0.005 log n.
@@ -95,7 +97,7 @@ def largest_utilization(structure: Structure, solution: Solution) -> list[Float[
 
 
 def _utilizations(structure, solution):
-    """Return utilizations [n_elem], by group; None for groups without a strength."""
+    """Return force / strength by group, [n_elem] each; None for groups without a strength."""
     if all(group.strength is None and not group.has_rupture for group in structure.groups):
         return [None] * len(structure.groups)
     return items_per_group(structure, design.utilization(structure, solution))
@@ -132,7 +134,7 @@ def describe_limits(
         verdict = _limit_verdict(reached / options.deflection - 1.0)
         lines = [f"{limit}, reached {where}{name}: {verdict}"]
     lowest = _extreme_element(
-        structure, ends, lambda end: _limited_groups(structure, end.tension, options.lowest), -1
+        structure, ends, lambda end: _limited_values(structure, end.tension, options.lowest), -1
     )
     if lowest is not None and options.target is None and not options.allow_slack:
         lines.append(_describe_lowest_tension(structure, ends, lowest, options, units))
@@ -150,7 +152,11 @@ def describe_limits(
 
 
 def _describe_lowest_tension(structure, ends, lowest, options, units):
-    """Return a line on the lowest tension of all cases, (N, where), and its limit."""
+    """Return a line on the lowest tension of all cases, and whether its limit is met.
+
+    `lowest` is a pair: this tension, N, and where it occurs, in words; `ends` are as of
+    `describe_limits`.
+    """
     force, where = lowest
     reached = f"{units.text(force, 'N')}, {where}"
     if options.lowest is not None:
@@ -158,27 +164,30 @@ def _describe_lowest_tension(structure, ends, lowest, options, units):
         return f"{limit}, reached {reached}: {_limit_verdict(1.0 - force / options.lowest)}"
     if describe_slack_elements(structure, ends):
         return f"limit on slack: no cable may be slack, lowest tension {reached}: violated"
-    return (
-        f"cables are kept taut: lowest tension {reached}: met{_hardly_taut(structure, ends, units)}"
-    )
+    doubt = _nearly_slack_warning(structure, ends, units)
+    return f"cables are kept taut: lowest tension {reached}: met{doubt}"
 
 
-def _hardly_taut(structure, ends, units):
-    """Return text on the number of cables that are all but slack in any case; "" if none is."""
+def _nearly_slack_warning(structure, ends, units):
+    """Return a text on cables that are nearly slack in any case; "" if there are none.
+
+    They are those with less than 1 % of the largest tension of all cables and cases. `ends` has the
+    `Solution` of each case; numbers are in `units`.
+    """
     cases = []
     for end in ends.values():
-        limited = _limited_groups(structure, end.tension, None)
+        limited = _limited_values(structure, end.tension, None)
         pairs = zip(limited, present_elements(structure, end.present), strict=True)
         known = [np.where(there, force, np.nan) for force, there in pairs if force is not None]
         cases.append(np.concatenate(known))
     forces = np.array(cases)
     most, lowest = np.nanmax(forces), np.fmin.reduce(forces)
-    count = int((lowest < _HARDLY_TAUT * most).sum())
+    count = int((lowest < _NEARLY_SLACK * most).sum())
     if not count:
         return ""
     return (
         f", BUT ONLY JUST: {count} of {int(np.isfinite(lowest).sum())} cables have less than "
-        f"{_HARDLY_TAUT:.0%} of the largest tension, {units.text(most, 'N')}, and are slack in "
+        f"{_NEARLY_SLACK:.0%} of the largest tension, {units.text(most, 'N')}, and are slack in "
         "practice; --lowest FORCE keeps more"
     )
 
@@ -186,8 +195,11 @@ def _hardly_taut(structure, ends, units):
 def _extreme_element(structure, ends, values_of, sign):
     """Return the largest value of all active elements in all cases, and where; None without any.
 
-    `values_of` returns values of a `Solution`, [n_elem] or None for each group; with `sign` -1 the
-    smallest is found.
+    Args:
+        structure: `Structure`.
+        ends: `Solution` of each case by its name in words.
+        values_of: function of a `Solution` to a list, [n_elem] or None for each group.
+        sign: 1 for the largest value, -1 for the smallest.
     """
     found = []
     for case, end in ends.items():

@@ -27,8 +27,8 @@ from .limits import (
     ROUNDING,
     describe_limits,
     describe_slack_elements,
-    largest_utilization,
     tension_margins,
+    utilization_bound,
 )
 from .solving import solve_scene
 
@@ -105,7 +105,7 @@ def run(options: Namespace) -> None:
     slack_governs = _only_slack_governs(found, structure, options, bounds[1], len(ends))
     limits = describe_limits(structure, ends, options, shown, slack_governs=slack_governs)
     if options.target is None:
-        total = float(_total(pretension_of(start)))
+        total = float(_sum_of_pretensions(pretension_of(start)))
         description = _describe_sum(found, total, limits, options, shown)
     lines = [
         f"status {code}: {status.describe(code)}",
@@ -137,7 +137,11 @@ def run(options: Namespace) -> None:
 
 
 def _solve_with_cases(options, structure, phases, combined):
-    """Return the `Solution` of phases, and those to judge: its cases by " in NAME", or itself."""
+    """Return the `Solution` of phases, and a dict of the solutions that limits are judged by.
+
+    These are its cases, combined by `combined`, by name in words (" in NAME"); or without
+    combinations, and if it has failed, the solution itself by "".
+    """
     solution = solve_scene(options, structure, phases)
     if combined is None or int(solution.status) != status.OK:
         return solution, {"": solution}
@@ -150,15 +154,20 @@ def _solve_with_cases(options, structure, phases, combined):
 
 
 def _describe_forces(ends, units):
-    """Return a line on the axial forces of all cases, each a `Solution` by its name in words."""
+    """Return a line on the axial forces of all cases, with their range in `units`.
+
+    `ends` has the `Solution` of each case by its name in words.
+    """
     of = "final axial forces" if "" in ends else f"axial forces over {len(ends)} combinations"
     return f"{of} {range_text([end.peak_tension for end in ends.values()], 'N', units)}"
 
 
 def _start_within_bounds(start, strength, bounds, units):
-    """Return the start, [n], N, with what is outside of the bounds at them, and the bounds, N.
+    """Return the start of a search, [n], N, moved into the bounds, and the bounds, N.
 
-    A warning says so. Without bounds on the command line pretensions are at most the strength, [n].
+    A warning says if it was moved. `bounds` are those on the command line; if these are the
+    default, pretensions are at most the `strength`, [n], N. Raise BadInput if the lower bound is
+    above the upper one. `units` are those of texts.
     """
     low, high = bounds
     words = " to ".join(f"{units.from_si(bound, 'N'):g}" for bound in (low, high))
@@ -178,7 +187,7 @@ def _start_within_bounds(start, strength, bounds, units):
 
 
 def _require_target_or_limits(options):
-    """Raise BadInput unless options state a target or limits, with what goes with each of them."""
+    """Raise BadInput unless options state either a target or limits, and nothing of the other."""
     has_limits = (options.deflection, options.lowest) != (None, None)
     if options.target is None and not has_limits:
         raise BadInput("optimize: give --target, or --deflection and/or --lowest")
@@ -193,9 +202,10 @@ def _require_target_or_limits(options):
 
 
 def _find_prestress(options, phases):
-    """Return the index of the phase to optimize, and what it states: the name of its field.
+    """Return the index of the phase to optimize, and "pretension" or "force_density".
 
-    It is the first with a pretension, or else the first with force densities.
+    It is the first phase with a pretension, or else the first with force densities; BadInput
+    without any.
     """
     for name in ("pretension", "force_density"):
         for number, phase in enumerate(phases):
@@ -245,7 +255,7 @@ def _parametrize_pretension(structure, phase, name, options):
 
 
 def _options_in_si(options, units):
-    """Return options whose forces and lengths, in the `units` of the scene, are in N and m."""
+    """Return options with forces and lengths converted from `units` (None: SI) to N and m."""
     if units is None:
         return options
     given = {"target": "N", "deflection": "m", "lowest": "N"}
@@ -283,13 +293,13 @@ def _match_target_tension(analyse, start, bounds, options, units):
 
 
 def _target_is_met(found, start, options):
-    """Return whether the tensions equal the target up to rounding, so that no search can go on."""
+    """Return whether the tensions of the `Design` `found` equal `options.target` up to rounding."""
     if options.target is None:
         return False
     return float(found.loss) <= start.size * (ROUNDING * options.target) ** 2
 
 
-def _total(pretension):
+def _sum_of_pretensions(pretension):
     """Return the sum of the pretensions of all elements, given in the shape of the elements, N."""
     return sum(jnp.sum(one) for one in jax.tree.leaves(pretension))
 
@@ -297,9 +307,9 @@ def _total(pretension):
 def _minimize_pretension(structure, analyse, pretension_of, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    `pretension_of` maps parameters to pretensions. The limits are `options.deflection`, m,
-    `options.lowest`, N, and the strength, in all cases. Other arguments are those of
-    `_match_target_tension`. Return the `Design` found.
+    The limits are `options.deflection`, m, `options.lowest`, N, and the strength, in all cases.
+    `pretension_of` maps parameters to pretensions, N, in the shape of the elements; other arguments
+    are those of `_match_target_tension`. Return the `Design`.
     """
 
     def excess(solution):
@@ -309,14 +319,14 @@ def _minimize_pretension(structure, analyse, pretension_of, start, bounds, optio
             parts.append(jnp.atleast_1d(bound / options.deflection - 1.0))
         if not options.allow_slack:
             parts += [-margin for margin in tension_margins(structure, solution, options.lowest)]
-        parts += [jnp.atleast_1d(used - 1.0) for used in largest_utilization(structure, solution)]
+        parts += [jnp.atleast_1d(used - 1.0) for used in utilization_bound(structure, solution)]
         return jnp.concatenate(parts)
 
     def problem(parameters):
         solution = analyse(parameters)
         several = jnp.ndim(solution.status) > 0
         broken = jax.vmap(excess)(solution) if several else excess(solution)
-        return _total(pretension_of(parameters)), jnp.ravel(broken), solution
+        return _sum_of_pretensions(pretension_of(parameters)), jnp.ravel(broken), solution
 
     return design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
@@ -324,10 +334,11 @@ def _minimize_pretension(structure, analyse, pretension_of, start, bounds, optio
 
 
 def _only_slack_governs(found, structure, options, upper, n_case):
-    """Return whether a search has converged where, of its limits, only those on slack are active.
+    """Return whether a search has converged where only limits on slack are active.
 
-    Their order in each of the `n_case` cases is that of `_minimize_pretension`. `upper` are the
-    largest pretensions, N: one that is reached governs, too.
+    The multipliers of `found`, in each of the `n_case` cases, are in the order of
+    `_minimize_pretension`. `upper` are the largest pretensions, N: one that is reached governs,
+    too.
     """
     stated = options.target, options.lowest
     if stated != (None, None) or options.allow_slack or int(found.status) != status.OK:
@@ -342,7 +353,10 @@ def _only_slack_governs(found, structure, options, upper, n_case):
 
 
 def _describe_scatter(structure, pretension, options):
-    """Return a line if pretensions [n_elem], by group, N, differ much within a group; or []."""
+    """Return a line if pretensions differ by more than 100 times within a group, in a list, or [].
+
+    `pretension` has [n_elem], N, by group in the shape of the elements.
+    """
     groups = [one for one in values_per_group(structure, pretension) if one is not None]
     if options.same_in_group or all(one.max() <= _SCATTER * one.min() for one in groups):
         return []
@@ -366,13 +380,13 @@ def _describe_sum(found, total, limits, options, units):
 
 
 def _zero_rounding_errors(pretension, start):
-    """Return pretensions, [n], N, with zero for those that are rounding errors beside the start."""
+    """Return pretensions, [n], N, with zeros for those below 1e-9 of the largest of the start."""
     pretension = np.asarray(pretension, float)
     return np.where(np.abs(pretension) <= _NO_PRESTRESS * np.abs(start).max(), 0.0, pretension)
 
 
 def _describe_movement(structure, solution, number, units):
-    """Return a line on how far phase `number`, which has the pretension, moves the drawn form."""
+    """Return a line on the largest displacement in phase `number`, which has the pretension."""
     phase = solution.phases[number]
     moved = phase.displacement_in_phase, phase.present
     _, where = inputs.largest_displacement(structure, *moved, units)

@@ -6,16 +6,16 @@ import argparse
 import contextlib
 from collections.abc import Callable
 
-from ..files.reading import number, parse_integer
+from ..files.reading import parse_integer, parse_number
 
 
 def parse_positive(word: str) -> float:
     """Return a word as a positive number; raise argparse's error for any other."""
-    return _parse_within(word, number, lambda v: 0 < v < float("inf"), "a positive number")
+    return _parse_within(word, parse_number, lambda v: 0 < v < float("inf"), "a positive number")
 
 
 def whole_number_up_to(most: int) -> Callable[[str], int]:
-    """Return a function that parses a whole number from 0 to `most`."""
+    """Return a function that parses a whole number from 0 to `most`, as `parse_positive` does."""
 
     def whole_number(word):
         expected = f"a whole number from 0 to {most}"
@@ -25,7 +25,10 @@ def whole_number_up_to(most: int) -> Callable[[str], int]:
 
 
 def _parse_within(word, parse, is_allowed, expected):
-    """Parse a word; raise argparse's error, with what is expected, if the value is not allowed."""
+    """Return ``parse(word)``; raise argparse's error if it fails or its value is not allowed.
+
+    `is_allowed` judges the value, and `expected` says in words what is allowed.
+    """
     with contextlib.suppress(ValueError):
         if is_allowed(value := parse(word)):
             return value

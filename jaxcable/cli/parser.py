@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import linear
-from ..files.reading import number
+from ..files.reading import parse_number
 from . import (
     convert,
     demo,
@@ -136,7 +136,10 @@ def _stated_options() -> dict[str, list[dict[str, Any]]]:
 
 
 def _add_options(command, name, words):
-    """Add the options of this name to the parser of a command; `words` fill their help."""
+    """Add the options listed under `name` in `options.toml` to the parser of a command.
+
+    `words` replace placeholders in the help texts.
+    """
     for stated in _stated_options()[name]:
         if "use" in stated:
             _add_options(command, stated["use"], stated)
@@ -154,7 +157,7 @@ def _add_options(command, name, words):
 
 
 def _value_parser(words):
-    """Return the function that parses what `words` name, such as "a whole number from 0 to 20"."""
-    known = {"a number": number, "a positive number": parse_positive}
+    """Return the function that parses values of a kind, such as "a whole number from 0 to 20"."""
+    known = {"a number": parse_number, "a positive number": parse_positive}
     whole = words.removeprefix("a whole number from 0 to ")
     return known.get(words) or whole_number_up_to(int(whole))

@@ -107,7 +107,10 @@ def run(options: Namespace) -> int | None:
 
 
 def _write_files(options, structure, solution, findings, cases, combinations):
-    """Write report, results and picture to the files that options name; return their paths."""
+    """Write report, results and picture to the files that options name; return their paths.
+
+    `findings` is the `Report`; `cases` and `combinations` are None without combinations.
+    """
     wrote = []
     for path in options.report:
         if path == "-":
@@ -134,7 +137,10 @@ def _write_files(options, structure, solution, findings, cases, combinations):
 
 
 def _pictures_for_report(path, structure, solution, findings, cases, combinations):
-    """Return the pictures of a report by their captions, of a format that shows them."""
+    """Return the pictures of a report by their captions; None for formats without pictures.
+
+    `path` is that of the report, `findings` the `Report`; `cases` and `combinations` may be None.
+    """
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
     from .. import plots  # slow to import: matplotlib
@@ -151,7 +157,7 @@ def _choose_method(options):
 
 
 def _summary_without_cause(summary, solution):
-    """Return the summary of a failed analysis without the cause, which stderr gets later."""
+    """Return the summary of a report; of a failed analysis without the cause, which stderr gets."""
     code = int(solution.status)
     if code == status.OK:
         return summary

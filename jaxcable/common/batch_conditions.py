@@ -36,25 +36,31 @@ def cond_in_batch(wanted: Bool[Array, ""], function: Callable[[Tree], Tree], ope
 
 @custom_vmap
 def _is_wanted_by_any(wanted):
-    """Return `wanted`, a scalar bool; in a batch whether any case has it, one bool for all."""
+    """Return `wanted`, a scalar bool; in a batch one bool for all cases: True if any of them is."""
     return wanted
 
 
 @_is_wanted_by_any.def_vmap
 def _is_wanted_by_any_batch_rule(axis_size, mapped, wanted):
-    """Rule for `jax.vmap`: the result has no axis of cases; a batch around this one does alike."""
+    """Return `any` over the cases, for `jax.vmap`: the result is not mapped.
+
+    It calls the function again, so that a batch around this one reduces over its own cases.
+    """
     return _is_wanted_by_any(jnp.any(wanted)), False
 
 
 @custom_vmap
 def _select_in_batch(wanted, new, old):
-    """Return the tree `new`; in a batch only for cases that are `wanted`, else `old`."""
+    """Return the pytree `new`; in a batch only for cases where `wanted` is True, else `old`.
+
+    Outside of a batch `wanted` is ignored, because `cond_in_batch` has decided already.
+    """
     return new
 
 
 @_select_in_batch.def_vmap
 def _select_in_batch_rule(axis_size, mapped, *arguments):
-    """Rule for `jax.vmap`: a select for every case."""
+    """Return, as a rule for `jax.vmap`, `new` or `old` of each case, and that all are mapped."""
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     found = jax.vmap(select_tree, in_axes=tuple(axes), axis_size=axis_size)(*arguments)
     return found, jax.tree.map(lambda _: True, found)

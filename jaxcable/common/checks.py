@@ -61,7 +61,10 @@ class UnstableWarning(UserWarning):
 
 
 def warn_user(text: str, kind: type[Warning] = InputWarning) -> None:
-    """Issue a warning that points at the user's line of code, the first outside of this package."""
+    """Issue a warning that points at the user's line of code, the first outside of this package.
+
+    Nothing is issued within `without_warnings`. `kind` is the class of the warning.
+    """
     if not _SUSPECTS.get():
         return
     frame: FrameType | None = sys._getframe(1)
@@ -136,7 +139,10 @@ def as_floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " 
 
 
 def _describe_content(array, value):
-    """Return what an array, made of `value`, has instead of numbers: "text", a type or a dtype."""
+    """Return, for a message, what an array has instead of numbers: "text", a type or a dtype.
+
+    The array was made of `value`, whose type is named if the array has Python objects.
+    """
     if array.dtype.kind in "US":
         return "text"
     return type(value).__name__ if array.dtype == object else array.dtype
@@ -156,7 +162,10 @@ def as_scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
 def floats_of_shape(
     value: Float[ArrayLike, " ..."], name: str, *shapes: tuple[int, ...], hint: str = ""
 ) -> Float[ArrayLike, " ..."]:
-    """Return `value` as floats; raise ValueError, with `hint`, unless its shape is in `shapes`."""
+    """Return `value` as an array of floats, which must have one of the given shapes.
+
+    Raises ValueError, which names the argument `name` and ends with `hint`, for another shape.
+    """
     array = as_floats(value, name)
     if array.shape not in shapes:
         words = ["a scalar"] * (() in shapes)
@@ -271,9 +280,10 @@ def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str
 
 
 def import_library(name: str, what: str, extra: str) -> ModuleType:
-    """Import and return a library; ValueError, which says what needs it, if it is missing.
+    """Import and return a library; raise ValueError if it is not installed.
 
-    `extra` is the extra of this package that installs it.
+    `what` says what needs it, and `extra` is the extra of this package that installs it; the
+    message has both.
     """
     try:
         return importlib.import_module(name)
@@ -284,7 +294,7 @@ def import_library(name: str, what: str, extra: str) -> ModuleType:
 def describe_type(thing: object, example: str) -> str:
     """Return how an error message names an object of a wrong type: by the name of its type.
 
-    For a class it says that the user must call it, as in `example`.
+    For a class that was given in place of an object it says to call the class, as in `example`.
     """
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"

@@ -54,7 +54,7 @@ def on_forget_programs(function: Callable[[], object]) -> Callable[[], object]:
 
 
 def is_debugging() -> bool:
-    """Tell whether settings of jax have it run every operation by itself, or check it."""
+    """Tell whether settings of jax disable jit, or have it look for NaN or infinity."""
     return any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS)
 
 
@@ -66,10 +66,10 @@ def program_settings() -> tuple[Any, ...]:
 _trace_key = jax.make_user_context()
 
 
-def traces_known_by(key: Any) -> contextlib.AbstractContextManager[Any]:
-    """Return a context in which jax uses its traces of functions only if they have the same key.
+def trace_cache_context(key: Any) -> contextlib.AbstractContextManager[Any]:
+    """Return a context for ``with`` in which jax finds traces of functions made with this key only.
 
-    None is the key outside of all such contexts; a new object has no traces.
+    None is the key outside of all such contexts; a new object as key has no traces.
     """
     return _trace_key(key)
 
@@ -100,7 +100,10 @@ _enabled: list[bool] = []  # whether the collector ran when each of the threads 
 
 
 def is_top_level_call(leaves: Sequence[Any]) -> bool:
-    """Tell whether a call with these arrays comes from Python, not from a traced function."""
+    """Tell whether a call with these arrays comes from plain Python, not from a traced function.
+
+    `leaves` are the arrays among its arguments; a traced one means that it does not.
+    """
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
     return not is_tracing()

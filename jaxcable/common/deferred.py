@@ -19,11 +19,13 @@ Tree = TypeVar("Tree")
 
 
 def deferred(function: Callable[..., Tree], like: Tree) -> Callable[..., Tree]:
-    """Return a function of pytrees that is traced when it is evaluated, compiled or differentiated.
+    """Return a function of pytrees that is traced only when it is evaluated or differentiated.
+
+    Compiling a program that calls it traces it, too.
 
     Args:
-        function: it must not close over traced values; their indices may be traced.
-        like: a pytree of arrays in the shapes and dtypes of its result.
+        function: function of pytrees of arrays; it must not close over traced values.
+        like: pytree of arrays in the shapes and dtypes of its result.
     """
     split, slots = split_indices(like)
     values, shape = jax.tree.flatten(split)
@@ -44,36 +46,47 @@ def deferred(function: Callable[..., Tree], like: Tree) -> Callable[..., Tree]:
 
 
 def _evaluate(*leaves, function, shapes):
-    """Return the results: the value of the primitive."""
+    """Return the results of a deferred function for known arrays: the value of the primitive."""
     return function(*leaves)
 
 
-def _compile(*leaves, function, shapes):
-    """Return the results for XLA, without equations that no result needs."""
+def _evaluate_in_xla(*leaves, function, shapes):
+    """Return the results of a deferred function within a program that XLA compiles, a list.
+
+    The function is traced here, and equations that no result needs are left out.
+    """
     program = internals.without_unused_equations(jax.make_jaxpr(function)(*leaves))
     return internals.function_of_jaxpr(program)(*leaves)
 
 
-def _shapes(*_, function, shapes):
-    """Shape rule of the primitive."""
+def _result_shapes(*_, function, shapes):
+    """Return the abstract arrays of the results from their known `shapes`, without tracing."""
     return [internals.abstract_array(x) for x in shapes]
 
 
-def _jvp(primals, tangents, *, function, shapes):
-    """Forward derivative: that of the function, which is traced."""
-    return internals.differentiate_moving(function, primals, tangents)
+def _jvp_rule(primals, tangents, *, function, shapes):
+    """Return the results of a deferred function and their tangents, for which it is traced."""
+    return internals.value_and_tangents(function, primals, tangents)
 
 
-def _batch(arguments, axes, *, function, shapes):
-    """Rule for `jax.vmap`: the mapped function, deferred."""
+def _batch_rule(arguments, axes, *, function, shapes):
+    """Return the results of a deferred function mapped by `jax.vmap`, and their batch axes, all 0.
+
+    The mapped function is deferred as well. `axes` are the batch axes of the arguments, None where
+    one is not mapped.
+    """
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     mapped = jax.vmap(function, tuple(axes), axis_size=size)
     more = tuple(jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in shapes)
     return _DEFERRED.bind(*arguments, function=mapped, shapes=more), [0] * len(shapes)
 
 
-def _narrow(used, count, *, function, shapes):
-    """Leave out results that are not used."""
+def _drop_unused_results(used, count, *, function, shapes):
+    """Return parameters of a call without the results that are not `used` (dead code elimination).
+
+    Returns which results remain, which of the `count` arguments remain (all), and the new
+    parameters.
+    """
 
     def fewer(*leaves):
         return [x for x, own in zip(function(*leaves), used, strict=True) if own]
@@ -85,10 +98,10 @@ def _narrow(used, count, *, function, shapes):
 _DEFERRED = internals.define_primitive(
     "deferred",
     _evaluate,
-    _shapes,
-    _jvp,
-    _batch,
-    lowered=_compile,
+    _result_shapes,
+    _jvp_rule,
+    _batch_rule,
+    lowered=_evaluate_in_xla,
     multiple_results=True,
-    narrow=_narrow,
+    narrow=_drop_unused_results,
 )

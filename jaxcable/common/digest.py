@@ -35,7 +35,7 @@ _WRAPPED = "__wrapped__", "__func__", "__self__", "fget", "fset", "func"
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
-    """Return a digest of what a function computes for such arguments, a text of 32 characters.
+    """Return a digest, 32 characters, of the program that jax traces of a function.
 
     It covers the function's jaxpr and the constants in it, so that a change of either changes the
     digest. NumPy functions that the program calls on the host count as in `of_host_function`.
@@ -88,7 +88,7 @@ def digest_of_bytes(*parts: bytes) -> str:
 
 
 def _digest_of_words(words):
-    """Return the digest, 32 characters, of nested lists and tuples of texts and numbers."""
+    """Return a digest, 32 characters, of nested lists and tuples of texts and numbers."""
     return digest_of_bytes(repr(words).encode())
 
 
@@ -96,11 +96,13 @@ _known_jaxprs: weakref.WeakKeyDictionary[Any, str] = weakref.WeakKeyDictionary()
 
 
 class _ObjectDescriber:
-    """Describe objects as nested lists of words, from which a digest is made.
+    """Describes objects as nested lists of words, from which a digest is made; each object once.
 
-    The objects are values in a jaxpr or, with `reads_code`, values that Python code can reach,
-    whose functions are described by their code. Each object is described once. With `of_process`
-    functions are described by their addresses, and jaxprs once in a process.
+    Args:
+        reads_code: whether functions and objects are described by their bytecode and all values
+            that it can reach; otherwise they are values in a jaxpr.
+        of_process: whether functions are described by their addresses, which hold in this process
+            only; jaxprs are then described once in a process.
     """
 
     def __init__(self, reads_code=False, of_process=False):
@@ -151,7 +153,7 @@ class _ObjectDescriber:
         return kind.__name__, repr(value) if self.of_process else _ADDRESS.sub("", repr(value))
 
     def _memoized_digest(self, value, describe):
-        """Return the digest of ``describe(value)``, computed once for every object `value`."""
+        """Return the digest of ``describe(value)`` (words), computed once for each object."""
         if id(value) not in self.known:
             self.known[id(value)] = value, "again"  # for one that is in itself
             self.known[id(value)] = value, _digest_of_words(describe(value))
@@ -162,7 +164,7 @@ class _ObjectDescriber:
         return type(value).__name__, [self.describe(part) for part in _definition_parts(value)]
 
     def _describe_collection(self, value):
-        """Return the words for a list, or those of a dictionary or set in sorted order."""
+        """Return words that describe a list, or a dict or set in sorted order."""
         if isinstance(value, list):
             return type(value).__name__, [self.describe(part) for part in value]
         if isinstance(value, dict):
@@ -198,10 +200,11 @@ class _ObjectDescriber:
 
 
 def _definition_parts(value) -> Iterator[Any]:
-    """Yield the parts that decide what a function, class or object computes, one level deep.
+    """Yield the objects that decide what a function, class or object computes, one level deep.
 
-    They are described further in the same way. Functions and classes of libraries, and of this
-    package, have a name and a version only.
+    For a function these are its bytecode, defaults, captured variables and globals; for a class its
+    bases and attributes. Functions and classes of libraries, and of this package, yield their name
+    and version only.
     """
     if isinstance(value, types.ModuleType):
         yield value.__name__  # attributes are parts of the functions that read them
@@ -215,7 +218,7 @@ def _definition_parts(value) -> Iterator[Any]:
                 yield cell.cell_contents
         names = _names_in_code(value.__code__)
         space = collections.ChainMap(value.__globals__, sys.modules)
-        yield from _named_values(names, space, frozenset())
+        yield from _global_names_and_values(names, space, frozenset())
     elif isinstance(value, types.CodeType):
         yield from (value.co_code, value.co_exceptiontable, value.co_consts, value.co_names)
         yield from (value.co_argcount, value.co_flags, value.co_varnames, value.co_freevars)
@@ -241,7 +244,11 @@ def _definition_parts(value) -> Iterator[Any]:
 
 
 def _parts_of_object(value):
-    """Yield the class of an object and what pickling would write of it, or its text."""
+    """Yield the class of an object, then what pickling would write of it.
+
+    If it cannot be pickled, its `__dict__` follows instead; if that is empty, its `repr` without
+    memory addresses.
+    """
     yield type(value)
     try:
         found = value.__reduce_ex__(4)
@@ -253,22 +260,26 @@ def _parts_of_object(value):
 
 
 def _names_in_code(code):
-    """Return the names of globals, attributes and modules in bytecode, also of its functions."""
+    """Return the set of names of globals, attributes and modules in bytecode.
+
+    Those in functions that are defined in it are included.
+    """
     inner = (part for part in code.co_consts if isinstance(part, types.CodeType))
     return set(code.co_names).union(*map(_names_in_code, inner))
 
 
-def _named_values(names, space, seen):
-    """Yield the names that a namespace has, with values; also those in modules of the user.
+def _global_names_and_values(names, space, seen):
+    """Yield name and value, one after the other, of each of `names` that a namespace has.
 
-    Modules with names in `seen` are not searched again.
+    Of modules of the user the values of these names follow, too; modules with names in `seen` are
+    not searched again. `space` is the namespace, a mapping.
     """
     for name in sorted(names & space.keys()):
         value = space[name]
         yield from (name, value)
         if isinstance(value, types.ModuleType) and value.__name__ not in seen:
             if not is_of_library(value.__name__):
-                yield from _named_values(names, vars(value), seen | {value.__name__})
+                yield from _global_names_and_values(names, vars(value), seen | {value.__name__})
 
 
 def is_of_library(module: str | None) -> bool:
@@ -286,7 +297,7 @@ def is_of_library(module: str | None) -> bool:
 
 
 def _digest_of_array(value):
-    """Return the digest of an array: of its dtype, shape and bytes."""
+    """Return a digest, 32 characters, of an array: of its dtype, shape and bytes."""
     told = repr((str(value.dtype), value.shape)).encode()
     if jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)

@@ -51,7 +51,10 @@ def fuse_loops() -> None:
 
 
 def request_fused_loops() -> bool:
-    """Set the flags by which XLA fuses loops; return False if it is too late or not possible."""
+    """Set the flags by which XLA fuses loops; return False, and set none, if that is not possible.
+
+    It is not possible once jax has computed something, or if this version of jax is not known.
+    """
     if _reason_against_fusion():
         return False
     if not has_xla_started():
@@ -78,7 +81,7 @@ def usable_cores() -> int:
 
 
 def _reason_against_fusion():
-    """Return why XLA cannot be told now to fuse loops, as a text; None if it can."""
+    """Return in words why XLA's loops cannot be fused any more or at all; None if they can."""
     if fusion_flag(_BYTES) is None:
         first, end = (".".join(map(str, version)) for version in TESTED)
         return (
@@ -96,7 +99,10 @@ def _reason_against_fusion():
 
 
 def _add_flag_option(flags, flag, option):
-    """Return XLA's `flags` with an option added to the last `flag` in it, which alone counts."""
+    """Return the text of XLA_FLAGS with an option added to the last occurrence of a flag.
+
+    XLA reads the last one only. Without any, ``flag=option`` is appended.
+    """
     flags = flags.split()
     own = [k for k, word in enumerate(flags) if word.startswith(flag + "=")]
     if own:

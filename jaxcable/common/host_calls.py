@@ -53,7 +53,11 @@ def _family_name(make):
 
 
 def _make_call_name(words):
-    """Return the name by which programs call the function that a family makes from words."""
+    """Return the name by which compiled programs call a NumPy function.
+
+    `words` are the registered function family, then the texts from which it makes the function.
+    Raise ValueError if the family is not registered, or a text has a comma.
+    """
     family, *words = words
     if not callable(family) or _family_name(family) not in _FAMILIES:
         raise ValueError(f"words[0] = {family!r}: expected a host function family")
@@ -109,14 +113,14 @@ def call_on_host(
 
 
 def function_of_call_name(name):
-    """Return the NumPy function that programs call by a name of `_make_call_name`."""
+    """Return the NumPy function that programs call by a name, as `_make_call_name` returns it."""
     family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
 
 
 @functools.cache
 def register_call(name: str) -> bool:
-    """Register with XLA the NumPy function that programs call by this name.
+    """Register with XLA the NumPy function that programs call by this name, once in a process.
 
     Returns False if this version of jax has no such interface.
     """

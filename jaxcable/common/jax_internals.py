@@ -88,7 +88,11 @@ def define_primitive(
 
 
 def _without_unused_results(narrow, used, *further):
-    """Rule of a primitive for equations of which some results are not used (jax's `dce_rules`)."""
+    """Return used arguments and the equation of a primitive without the results that are not used.
+
+    A rule of jax (`dce_rules`); `narrow` is that of `define_primitive`, the equation the last
+    argument.
+    """
     equation = further[-1]  # behind more lists since jax 0.12
     count = len(equation.invars)
     if not any(used):
@@ -119,8 +123,8 @@ def instantiate_tangent(tangent: Any) -> Any:
     return ad.instantiate_zeros(tangent)
 
 
-def moving_arguments(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[int, ...]:
-    """Return, in a rule of a primitive, the indices of arguments that are floats with tangents."""
+def differentiated_arguments(primals: Sequence[Any], tangents: Sequence[Any]) -> tuple[int, ...]:
+    """Return, in a rule of a primitive, the indices of float arguments with nonzero tangents."""
     pairs = enumerate(zip(primals, tangents, strict=True))
     return tuple(k for k, (x, t) in pairs if is_float(x) and not is_zero_tangent(t))
 
@@ -131,18 +135,18 @@ def is_float(x: Any) -> bool:
 
 
 def replace_entries(values: Sequence[Any], places: Sequence[int], some: Sequence[Any]) -> list[Any]:
-    """Return a list of values in which `some` replace those with the indices `places`."""
+    """Return a list of `values` in which `some` replace the entries with the indices `places`."""
     found = list(values)
     for k, x in zip(places, some, strict=True):
         found[k] = x
     return found
 
 
-def differentiate_moving(
+def value_and_tangents(
     function: Callable[..., Any], primals: Sequence[Any], tangents: Sequence[Any]
 ) -> Any:
-    """Return ``function(*primals)`` and its tangents, in a rule of a primitive, by tracing it."""
-    moving = moving_arguments(primals, tangents)
+    """Return ``function(*primals)`` and its tangents, in a rule of a primitive, as `jax.jvp`."""
+    moving = differentiated_arguments(primals, tangents)
 
     def some(*values):
         return function(*replace_entries(primals, moving, values))
@@ -153,11 +157,11 @@ def differentiate_moving(
 def linearize_entries(
     function: Callable[..., Sequence[Any]], leaves: Sequence[Any], moving: Sequence[int]
 ) -> tuple[Sequence[Any], Any, list[int | None], list[Any]]:
-    """Linearize a function of arrays by those with the indices `moving`.
+    """Linearize a function of arrays at `leaves` by its arguments with the indices `moving`.
 
     Returns:
-        Its values; the jaxpr of the tangents of those that are floats; indices of its constants
-        among the leaves, or None; and the constants that are not among them.
+        All results; the jaxpr from tangents of these arguments to those of results that are floats;
+        for each constant of the jaxpr its index among the leaves, or None; the other constants.
     """
 
     def of_moving(*some):
@@ -184,7 +188,7 @@ def abstract_array(x: Any) -> Any:
 
 
 def abstract_argument(x: Any) -> jax.ShapeDtypeStruct:
-    """Return shape and dtype of an argument, which may be a number of Python or be traced."""
+    """Return shape and dtype of an argument: an array, a number of Python, or a traced value."""
     aval = x if isinstance(x, jax.core.ShapedArray) else jax.typeof(x)
     return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
 
@@ -197,7 +201,7 @@ def as_operand(x: Any) -> Any:
 def convert_closure(
     function: Callable[[Any], Any], x: Any
 ) -> tuple[Callable[[Any, Any], Any], Any]:
-    """Return ``g(x, values)`` that captures nothing, and the values that `function` captures."""
+    """Return ``g(x, values)``, which captures nothing, and the values that `function` captures."""
     program = jax.make_jaxpr(function)(x)
     return lambda x, values: bind_constants(program.jaxpr, values)(x)[0], program.consts
 
@@ -229,8 +233,8 @@ def without_unused_equations(program: Any) -> Any:
     return ClosedJaxpr(less, program.consts)
 
 
-def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
-    """Return the numbers of constants and carried values of an equation `scan`."""
+def scan_operand_counts(parameters: dict[str, Any]) -> tuple[int, int]:
+    """Return the numbers of constants and of carried values of a `scan`, from its parameters."""
     if "num_consts" in parameters:
         return parameters["num_consts"], parameters["num_carry"]
     groups = parameters["ft_in"].unpack()  # since jax 0.12
@@ -243,8 +247,8 @@ def counts_of_scan(parameters: dict[str, Any]) -> tuple[int, int]:
 _EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
 
 
-def _traces_around():
-    """Return the kinds of jax's traces from the present one outward."""
+def _active_trace_names():
+    """Return the class names of jax's active traces, from the innermost outward, a list."""
     trace, kinds = trace_ctx.trace, []
     while trace is not None:
         kinds.append(type(trace).__name__)
@@ -257,18 +261,18 @@ def is_tracing() -> bool:
 
     Outside of a program, derivatives and batches compute with numbers: that is not tracing.
     """
-    kinds = _traces_around()
+    kinds = _active_trace_names()
     return kinds[-1] != "EvalTrace" or any(kind not in _EAGER_TRACES for kind in kinds[:-1])
 
 
 def is_untransformed() -> bool:
     """Tell whether jax computes with plain numbers now: no derivative, no batch, no program."""
-    return _traces_around() == ["EvalTrace"]
+    return _active_trace_names() == ["EvalTrace"]
 
 
 def is_differentiating() -> bool:
     """Tell whether jax takes a derivative of computations with numbers, outside of a program."""
-    kinds = _traces_around()
+    kinds = _active_trace_names()
     return not is_tracing() and ("JVPTrace" in kinds or "LinearizeTrace" in kinds)
 
 
@@ -277,10 +281,10 @@ _mesh = getattr(config, "abstract_mesh_context_manager", None)  # elsewhere in j
 
 @contextlib.contextmanager
 def same_context_as_outside() -> Iterator[None]:
-    """Have jax find functions again, in a transpose rule, that it has traced outside of it.
+    """Let jax find, in a transpose rule, functions that it has traced before (in a ``with`` block).
 
     While jax transposes it sets a mesh of no devices, which means what no mesh means. But its
-    record of traced functions takes it for another context, and everything is traced anew.
+    record of traced functions takes it for another context, and everything would be traced anew.
     """
     if not getattr(_mesh.value if _mesh else None, "empty", False):
         yield
@@ -350,7 +354,7 @@ xla_flags_in_effect()  # it may have started before this package
 
 
 def held_weakly(cls: type[_T]) -> type[_T]:
-    """Have jax's records of operations hold parameters of a class weakly (a decorator).
+    """Let jax's caches hold parameters of this class by weak references (a class decorator).
 
     jax records the shapes of results of its last 2048 operations, with their parameters. A program
     among these, and a user's function in it, would not be given back.
@@ -363,7 +367,7 @@ def held_weakly(cls: type[_T]) -> type[_T]:
 
 
 def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[jax.Array]:
-    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device.
+    """Return jax arrays on `device`, not committed to it, of NumPy arrays with dtypes of jax.
 
     This takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
     """
@@ -374,7 +378,7 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
 
 
 def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
-    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device."""
+    """Return jax arrays as `arrays_on_device`, on the default device."""
     device = getattr(jax.config, "jax_default_device", None)
     return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
 

@@ -17,12 +17,12 @@ Analyses end with a residual of 1e-10 of the forces (`Newton.tol`), which makes 
 def zero_negligible(
     values: Float[ArrayLike, " ..."], largest: float | None = None
 ) -> Float[np.ndarray, " ..."]:
-    """Return numbers, with zero for those that are negligible; NaN stays.
+    """Return numbers with zeros in place of those at most 1e-7 of the largest magnitude; NaN stays.
 
     Args:
         values: numbers of one unit.
-        largest: size of the largest number of the kind, in the same unit; None for that of `values`
-            themselves.
+        largest: magnitude of the largest number of the kind, in the same unit; None for that of
+            `values` themselves.
     """
     values = np.asarray(values, float)
     if largest is None:
@@ -31,5 +31,5 @@ def zero_negligible(
 
 
 def vector_text(values: Float[ArrayLike, " n"]) -> str:
-    """Return a vector as text, such as "(0, 0, -1)": six digits, components of rounding as zero."""
+    """Return a vector as text, such as "(0, 0, -1)": six digits, negligible components as zero."""
     return f"({', '.join(f'{value:.6g}' for value in zero_negligible(values).tolist())})"

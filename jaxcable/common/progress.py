@@ -136,7 +136,7 @@ class Trial(NamedTuple):
 
 
 def _failure_text(code: int) -> str:
-    """Return the text of a status code, to be appended to a line; "" if nothing has failed."""
+    """Return ", " and the text of a status code, to end a line of progress; "" for OK."""
     return f", {status.describe(code)}" if code != status.OK else ""
 
 
@@ -214,9 +214,9 @@ def report_increment(
 
 
 def _make_reporter(listen, phases, names):
-    """Return a NumPy function that calls `listen` with an `Increment` of its arguments.
+    """Return a NumPy function of scalars that calls `listen` with an `Increment` made of them.
 
-    These are the fields `names`.
+    `names` are the fields of `Increment` that the scalars are, in their order; `phases` is known.
     """
 
     def function(*values):

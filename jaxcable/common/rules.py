@@ -90,7 +90,7 @@ def refuse_if_broken(rules: Sequence[Rule]) -> None:
 
 
 def are_rules_kept(rules: Sequence[Rule]) -> Bool[Array, ""]:
-    """Return whether numbers satisfy all `rules`, a scalar bool; of NumPy if all are known."""
+    """Return whether numbers satisfy all `rules`, a scalar bool; traced if any number is."""
     sound: Any = np.bool_(True)
     for rule in rules:
         if rule.values is None:
@@ -131,7 +131,7 @@ def collect_rules(tree: PyTree[Any]) -> list[Rule]:
 
 
 def _rule_of_each_element(tree):
-    """Return one rule for a `PerElement`: the object of every element keeps its own rules."""
+    """Return the `Rule` for a `PerElement`: each of its objects keeps the rules of its class."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
@@ -143,6 +143,6 @@ def _rule_of_each_element(tree):
 
 
 def _values_as_tuple(values):
-    """Return the values of a rule, an array or a tuple, as a tuple; None becomes (None,)."""
+    """Return the values of a rule, an array or a tuple of arrays, as a tuple; None as (None,)."""
     values = values if isinstance(values, tuple) else (values,)
     return tuple(v if v is None or isinstance(v, jax.Array) else np.asarray(v) for v in values)

@@ -20,7 +20,10 @@ class _ElementSubset:
     count: int | None
 
     def _set_element_indices(self):
-        """Check the field `elements` and make it `Indices`; a boolean mask also sets `count`."""
+        """Check the field `elements` and store it as `Indices`; a boolean mask also sets `count`.
+
+        Raises ValueError for traced values, wrong types or shapes, and repeated elements.
+        """
         elements = self.elements
         if isinstance(elements, Indices):
             return

@@ -44,7 +44,7 @@ def summarize(obj: Any) -> str:
 
 
 def _fields_to_show(obj):
-    """Return the names of the fields of an object that are shown, with their units, as a dict."""
+    """Return {name: unit} of the fields of an object that its summary shows; "" for no unit."""
     chosen = getattr(type(obj), "_shown", None)
     if chosen is None:
         return dict.fromkeys(type(obj)._all_fields, "")
@@ -52,9 +52,10 @@ def _fields_to_show(obj):
 
 
 def _fold_lines(head, parts):
-    """Return a text of a heading and descriptions of fields: one line if they fit, else up to five.
+    """Return the summary text of an object: on one line if it fits, else on up to five.
 
-    `parts` are the descriptions, a list of texts. What is longer is cut off, with " ...".
+    `head` is its first line, and `parts` are descriptions of fields, a list of texts. What is
+    longer is cut off, with " ...".
     """
     together = f"{head}({', '.join(parts)})"
     if ":" not in head and len(together) <= _WIDTH:
@@ -73,7 +74,7 @@ def _fold_lines(head, parts):
 
 
 def _describe_status(code):
-    """Return a status code in words; for a batch, how many converged and the first failure."""
+    """Return the text of a status code; for a batch the number converged and the first failure."""
     if isinstance(code, jax.core.Tracer):
         return "traced"
     codes = np.asarray(code)

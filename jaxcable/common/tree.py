@@ -75,7 +75,7 @@ _LEAF_TYPES = {np.ndarray, type(None), float, int, bool}
 
 @dataclasses.dataclass(frozen=True)
 class _IndexSlot:
-    """Placeholder for an index array that was split from a tree: its number in a list."""
+    """Placeholder for an index array that was split from a tree: its position in a list."""
 
     number: int
 
@@ -140,7 +140,7 @@ def pytree(
 
 
 def computed_once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
-    """Decorate a function of one immutable object: its result is stored in the object."""
+    """Decorate a function of one immutable object so that its result is stored in the object."""
     name = f"_{function.__name__}_once"
 
     @functools.wraps(function)
@@ -159,7 +159,7 @@ def set_fields(obj: object, **values: Any) -> None:
 
 
 def copy_with(obj: _T, **changes: Any) -> _T:
-    """Copy a `pytree` object with some fields changed, without running its constructor."""
+    """Copy a `pytree` object with some fields changed; its constructor and checks do not run."""
     new, values = object.__new__(type(obj)), obj.__dict__
     fields = type(obj)._all_fields  # type: ignore[attr-defined]  # an object of a `pytree` class
     new.__dict__.update({n: changes[n] if n in changes else values[n] for n in fields})
@@ -187,15 +187,16 @@ def is_hashable(value: object) -> bool:
 
 
 def shared_or_stacked(obj: Any) -> Any:
-    """Return one object from which to ask what the laws or sections of all elements have in common.
+    """Return an object with the properties that laws or sections of all elements have in common.
 
-    It is `obj` itself or, for a `PerElement`, its objects stacked as one.
+    It is `obj` itself or, for a `PerElement`, its objects stacked as one, whose leaves are
+    [n_elem].
     """
     return obj.every if isinstance(obj, PerElement) else obj
 
 
 def map_over_elements(function: Callable[[Any], Any], obj: Any) -> Any:
-    """Return ``function(obj)`` or, for a `PerElement`, a `PerElement` of every element's result."""
+    """Return ``function(obj)``; of a `PerElement` one with the results of its objects, [n_elem]."""
     return (
         PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)
     )
@@ -230,7 +231,7 @@ def replace(obj: _T, **changes: Any) -> _T:
 
 
 def index_field(obj: Any, name: str) -> Indices | None:
-    """Return the indices in a field of an object; None if it has none of this name."""
+    """Return the `Indices` in a field of an object; None if it has no index field of this name."""
     return vars(obj).get(name) if name in getattr(type(obj), "_index_fields", ()) else None
 
 
@@ -339,7 +340,7 @@ def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
 
 
 def entry(tree: _T, index: Int[Array, ""]) -> _T:
-    """Return the entry at an index, which is not negative, of all leaves along their first axis."""
+    """Return a pytree of the entries of all leaves at `index` (>= 0) of their first axis."""
     index = jnp.asarray(index).astype(jnp.uint32)  # less code than a signed index
     return jax.tree.map(lambda x: lax.dynamic_index_in_dim(x, index, 0, False), tree)
 

@@ -107,7 +107,10 @@ class Units:
         return all(self.factor(base) == 1 for base in ("N", "m", "K"))
 
     def symbol(self, base: str) -> str:
-        """Return the unit in place of the base unit "N", "m", "K" or "kg"; others stay."""
+        """Return the unit that replaces a base unit "N", "m", "K" or "kg"; other base units stay.
+
+        If no unit of temperature or mass is stated it is K; kg, or lb with lengths in ft or in.
+        """
         kind = _KINDS.get(base)
         stated = base if kind is None else getattr(self, kind)
         if stated is None:
@@ -130,7 +133,7 @@ class Units:
         return factor
 
     def name(self, unit: str) -> str:
-        """Return the unit of a quantity in these units, by its SI unit: "kip/ft2" for "N/m2"."""
+        """Return the name of a quantity's unit in these units: "kip/ft2" for the SI unit "N/m2"."""
         powers = dimensions(unit)
         if all(self.symbol(base) == base for base in powers):
             return unit
@@ -151,22 +154,25 @@ class Units:
         return scale_exactly(values, self.factor(unit))
 
     def shown(self, unit: str) -> str:
-        """Return the name of a unit as `name`; an unknown one stays as it is."""
+        """Return the name of an SI unit in these units, as `name`; a text that is no unit stays."""
         return self.name(unit) if is_unit(unit) else unit
 
     def text(self, value: float, unit: str, spec: str = ".6g") -> str:
-        """Return a number, given in the SI unit `unit`, as text with its unit in these units."""
+        """Return a number, given in the SI unit `unit`, as text in these units, with their name.
+
+        `spec` is the format of the number.
+        """
         return f"{self.from_si(float(value), unit):{spec}} {self.shown(unit)}".rstrip(" -")
 
     @property
     def small_length(self) -> tuple[str, Fraction]:
-        """Unit of displacements in texts, mm or in, and the factor to it from that of length."""
+        """Unit in which texts give displacements, mm or in, and the factor from `length` to it."""
         name = _SMALL_LENGTHS[self.length]
         return name, SYMBOLS["length"][self.length] / SYMBOLS["length"][name]
 
     @property
     def stress(self) -> tuple[str, Fraction]:
-        """Unit of stresses in texts, and the factor to it from force over square of length."""
+        """Unit of stresses in texts, and the factor from `force` over `length` squared to it."""
         name, force, length = _STRESSES.get(self.force, ("MPa", "N", "mm"))
         own = Units(force, length).factor("Pa")
         return name, self.factor("Pa") / own
@@ -191,7 +197,7 @@ def as_units(given: UnitsLike, what: str = "units") -> Units:
     if isinstance(given, Units):
         return given
     if isinstance(given, str):
-        stated = _units_of_text(given, what)
+        stated = _parse_units(given, what)
     elif isinstance(given, Mapping):
         for kind, name in given.items():
             if kind not in SYMBOLS:
@@ -218,14 +224,17 @@ def as_units(given: UnitsLike, what: str = "units") -> Units:
         raise ValueError(f"{what}.{error}") from None
 
 
-def _units_of_text(text, what):
-    """Return the units in a text such as "kN, m" by quantity; raise ValueError for other texts."""
+def _parse_units(text, what):
+    """Return {quantity: unit} for a text such as "kN, m"; raise ValueError for other texts.
+
+    `what` begins the message.
+    """
     stated: dict[str, str] = {}
     for word in filter(None, (part.strip() for part in re.split("[,;]", text))):
         word = word.removeprefix("°")
         kinds = [kind for kind, names in SYMBOLS.items() if word in names]
         if not kinds:
-            raise ValueError(f"{what} = {text!r}: {_unknown_symbol(word)}")
+            raise ValueError(f"{what} = {text!r}: {_unknown_symbol_text(word)}")
         if kinds[0] in stated:
             raise ValueError(
                 f"{what} = {text!r}: {stated[kinds[0]]} and {word} are both units of {kinds[0]}"
@@ -235,7 +244,10 @@ def _units_of_text(text, what):
 
 
 def _known_symbol(name, kind):
-    """Return the name of a unit of the quantity `kind`; raise ValueError for any other."""
+    """Return the name of a unit of the quantity `kind`, without a degree sign.
+
+    Raise ValueError, with the nearest names, if it is no unit of this quantity.
+    """
     name = name.removeprefix("°") if isinstance(name, str) else name
     if name in SYMBOLS[kind]:
         return name
@@ -243,11 +255,11 @@ def _known_symbol(name, kind):
     if other is not None:
         known = ", ".join(SYMBOLS[kind])
         raise ValueError(f"{kind}: {name!r} is a unit of {other}; units of {kind} are {known}")
-    raise ValueError(f"{kind}: {_unknown_symbol(str(name), SYMBOLS[kind])}")
+    raise ValueError(f"{kind}: {_unknown_symbol_text(str(name), SYMBOLS[kind])}")
 
 
-def _unknown_symbol(word, names=None):
-    """Return the words on an unknown unit: the nearest known ones, or all."""
+def _unknown_symbol_text(word, names=None):
+    """Return the message on an unknown unit `word`, with the nearest known `names`, or all."""
     known = list(names or (name for kind in SYMBOLS.values() for name in kind))
     if word in ("lb", "lbs", "pound", "pounds", "#"):
         return f"unknown unit {word!r}; did you mean 'lbf'?"
@@ -270,7 +282,7 @@ def is_unit(unit: str) -> bool:
 
 @functools.cache
 def _dimensions(unit):
-    """Return the powers of the base units in a unit as pairs; None for what is no unit."""
+    """Return pairs (base unit, power) of the SI unit of a quantity; None for any other text."""
     if unit in _WITHOUT_UNIT:
         return ()
     above, *below = unit.split("/")
@@ -306,7 +318,7 @@ def dimensions(unit: str) -> dict[str, int]:
 def scale_exactly(values: _Number, factor: Fraction) -> _Number:
     """Return numbers times an exact factor, with one rounding where that is possible.
 
-    A factor such as 1/1000 divides, so that 1500 mm are 1.5 m to the last digit.
+    A factor such as 1/1000 becomes a division, so that 1500 mm are 1.5 m to the last digit.
     """
     if factor == 1:
         return values

@@ -151,11 +151,11 @@ def write_npz(
 
 @contextlib.contextmanager
 def _temporary_file(target, path):
-    """Create a temporary file in the folder of `target`; it is removed when the block ends.
+    """Create a temporary file in the folder of `target`; the end of the ``with`` block removes it.
 
-    The block gets its descriptor and its name; errors name `path`. It has the permissions of any
-    new file. (Those of `tempfile` allow the user alone to read it, and to ask for the usual ones
-    changes them for all threads for a moment.)
+    The block gets its descriptor and its name; errors name `path`, the file that the user has
+    named. It has the permissions of any new file. (Those of `tempfile` allow the user alone to read
+    it, and to ask for the usual ones changes them for all threads for a moment.)
     """
     name = str(target.parent / f".jaxcable-{secrets.token_hex(8)}.part")
     binary = getattr(os, "O_BINARY", 0)

@@ -30,7 +30,10 @@ _to = ctypes.POINTER
 
 
 def _c_struct(name, **fields):
-    """Return a ctypes structure with these fields after a first field, its size."""
+    """Return a class of C structures (ctypes) with a first field ``struct_size`` and these fields.
+
+    `fields` has ctypes types by name, in order.
+    """
     fields = {"struct_size": ctypes.c_size_t, **fields}
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
@@ -72,9 +75,10 @@ def register_host_function(name: str, function: Callable[..., Sequence[np.ndarra
 
 
 def _answer_xla_call(function, frame):
-    """Call a NumPy function for XLA; return None, or an error of XLA if it raises an exception.
+    """Call a NumPy function for XLA, and copy its results into XLA's buffers.
 
-    Arguments and results are the buffers that XLA's `frame` (a `_Frame`) points to.
+    Arguments and results are the buffers that XLA's `frame` (a pointer to `_Frame`) refers to.
+    Returns None, or an error of XLA if the function raises an exception.
     """
     frame = frame.contents
     if frame.extension and frame.extension.contents.kind == _METADATA:
@@ -108,6 +112,6 @@ def _view_of_buffer(buffer):
 
 
 def _make_xla_error(frame, text):
-    """Return a new error of XLA with the message `text`; XLA frees it."""
+    """Return a pointer to a new error of XLA with the message `text`, which XLA frees."""
     given = _Failure(ctypes.sizeof(_Failure), None, text.encode(), _FAILED)
     return frame.interface.contents.fail(given)

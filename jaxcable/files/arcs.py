@@ -16,9 +16,10 @@ def arcs_to_chords(
     """Return the points (x, y) along a plane polyline, with each arc replaced by equal chords.
 
     Args:
-        points: (x, y, bulge) of its points; the bulge of a point is the tangent of a quarter of the
-            angle of the arc to the next point, positive anticlockwise, zero for a straight piece.
-        closed: whether a last piece joins the last point to the first one.
+        points: vertices (x, y, bulge); the bulge of a vertex is the tangent of a quarter of the
+            angle of the arc to the next vertex, positive anticlockwise, zero for a straight
+            segment.
+        closed: whether a last segment joins the last vertex to the first one.
         sagitta: largest distance of an arc from its chords, in the unit of the points; at most 1000
             chords are made of an arc.
     """

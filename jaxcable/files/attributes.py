@@ -37,7 +37,7 @@ REASONS = {
 _EMPTY: tuple[Any, ...] = (None, False, 0, "", [], {})
 
 
-def count_unread_attributes(
+def record_unread_attributes(
     attributes: Mapping[str, Any], read: frozenset[str], kind: str, where: str, table: Omissions
 ) -> None:
     """Add a row to the table of omissions for each attribute that a reader does not know.
@@ -45,7 +45,7 @@ def count_unread_attributes(
     Attributes that are read, empty, of appearance only, or results of programs get no row.
 
     Args:
-        attributes: of a node, an edge, a face, or the whole net.
+        attributes: attributes by name, of a node, an edge, a face, or the whole net.
         read: names of the attributes that are read.
         kind: what has the attributes, in words, such as "a node".
         where: place in the file, in words.
@@ -58,30 +58,36 @@ def count_unread_attributes(
 
 
 def edge_force_density(attributes: Mapping[str, Any], length: float, where: str) -> float:
-    """Return the force density of an edge, N/m: ``q``, else its force over its `length`, else 0."""
-    stated = finite_number(attributes, "q", where)
+    """Return the force density of an edge, N/m: ``q``, else its force over its length, else 0.
+
+    Args:
+        attributes: attributes of the edge by name; its force, N, is under ``f`` or ``force``.
+        length: distance of its nodes in the file, m.
+        where: place in the file, in words, for the message of a FileError.
+    """
+    stated = read_finite_number(attributes, "q", where)
     if stated == 0 and length > 0:
         for key in ("f", "force"):
             if not is_empty(attributes.get(key)):
-                return finite_number(attributes, key, where) / float(length)
+                return read_finite_number(attributes, key, where) / float(length)
     return stated
 
 
-def count_conflicting_results(
+def record_conflicting_results(
     attributes: Mapping[str, Any], density: float, length: float, where: str, table: Omissions
 ) -> None:
     """Add rows to the table of omissions where force or length of an edge disagree with the net.
 
     The force is compared with `density` (N/m) times `length` (m), the length with `length`. If they
-    disagree, they were prescribed to another program, and are not its results. A deviation of a
-    thousandth is allowed, because files hold rounded numbers.
+    disagree, they were prescribed to another program, and are not its results. A relative deviation
+    of 1e-3 is allowed, because files hold rounded numbers.
     """
     expected = {"f": density * length, "force": density * length, "l": length, "length": length}
     for key, right in expected.items():
         value = attributes.get(key)
         if is_empty(value):
             continue
-        if abs(finite_number(attributes, key, where) - right) > 1e-3 * abs(right):
+        if abs(read_finite_number(attributes, key, where) - right) > 1e-3 * abs(right):
             table.add(f"attribute {key!r} of an edge", where, REASONS[key])
 
 
@@ -90,8 +96,11 @@ def is_empty(value: Any) -> bool:
     return any(value == nothing and type(value) is not str for nothing in _EMPTY) or value == ""
 
 
-def finite_number(attributes: Mapping[str, Any], key: str, where: str) -> float:
-    """Return the number under `key`, 0 if there is none; raise FileError if it is not finite."""
+def read_finite_number(attributes: Mapping[str, Any], key: str, where: str) -> float:
+    """Return the number under `key` as a float, 0 if there is none or it is null.
+
+    Raise FileError, which names the place `where`, for anything but a finite number.
+    """
     value = attributes.get(key)
     value = 0.0 if value is None else value
     known = not isinstance(value, bool) and isinstance(value, int | float)
@@ -108,16 +117,19 @@ def node_coordinates(attributes: Mapping[str, Any], where: str) -> list[float]:
     for axis in given:
         if attributes[axis] is None:
             raise FileError(f"{where}.{axis}: expected a finite number, got null")
-    return [finite_number(attributes, axis, where) for axis in "xyz"]
+    return [read_finite_number(attributes, axis, where) for axis in "xyz"]
 
 
 def load_vector(attributes: Mapping[str, Any], where: str) -> list[float]:
     """Return the load ``px, py, pz`` of a node, an edge or a face as a list; zero where none is."""
-    return [finite_number(attributes, "p" + axis, where) for axis in "xyz"]
+    return [read_finite_number(attributes, "p" + axis, where) for axis in "xyz"]
 
 
 def read_flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool = False) -> bool:
-    """Return whether the flag under `key` is set (true or 1); if there is none, return `absent`."""
+    """Return whether the flag under `key` is set (true or 1); if there is none, return `absent`.
+
+    Raise FileError, which names the place `where`, for other values than true, false, 1 and 0.
+    """
     value = attributes.get(key)
     if value is None:
         return absent
@@ -127,7 +139,11 @@ def read_flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool 
 
 
 def with_defaults(attributes: Any, defaults: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return the attributes of a node, edge or face as a dict, completed by `defaults`."""
+    """Return the attributes of a node, edge or face as a dict, completed by `defaults`.
+
+    None stands for no attributes. Raise FileError, which names the place `where`, unless the data
+    are a JSON object.
+    """
     attributes = {} if attributes is None else attributes
     if not isinstance(attributes, dict):
         raise FileError(f"{where}: expected an object of attributes")

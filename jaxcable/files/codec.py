@@ -112,7 +112,7 @@ MOST_LEVELS = 32
 
 
 def encode(value: Any, where: str, implied: type | None = None) -> Any:
-    """Turn an object, a container, an array or a number into plain data for JSON.
+    """Return plain data for JSON that stand for an object, a container, an array or a number.
 
     Args:
         value: object, container, array or number.
@@ -149,9 +149,10 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
 
 
 def _encode_object(value, where, implied):
-    """Return the fields of an object as a dict; fields that equal their defaults are left out.
+    """Return the fields of an object as plain data, a dict, except those that equal their default.
 
     The class is named under "type", unless it is `implied`, the class that a reader expects here.
+    `where` is the place in the scene, in words, for messages.
     """
     cls = type(value)
     fields = {} if cls is implied else {"type": cls.__name__}
@@ -186,7 +187,7 @@ def _encode_object(value, where, implied):
 
 
 def user_fields(cls: type) -> list[dataclasses.Field]:
-    """Return the fields of a class that users give, without those that the program computes."""
+    """Return the dataclass fields of a class that users give, not those that are computed."""
     others = cls.worked_out if issubclass(cls, Load | Law) else ()
     return [field for field in dataclasses.fields(cls) if field.name not in others]
 
@@ -202,7 +203,7 @@ def _collapse_equal_values(values):
 
 
 def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
-    """Turn plain data back into the object that `encode` has written.
+    """Return the object, container or numbers that plain data from `encode` stand for.
 
     Args:
         data: plain data, as from JSON.
@@ -244,7 +245,10 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
 
 
 def _decode_sequence(data, where, name, depth):
-    """Return the list or tuple that {"type": "list" or "tuple", "items": [...]} stands for."""
+    """Return the list or tuple that {"type": "list" or "tuple", "items": [...]} stands for.
+
+    `name` is "list" or "tuple", `where` the place in the file and `depth` the level of nesting.
+    """
     require_only_key(data, "items", where)
     items = data["items"]
     if not isinstance(items, list):
@@ -257,7 +261,9 @@ def _decode_sequence(data, where, name, depth):
 def _decode_object(data, where, implied, depth):
     """Return the object of a class in `TYPES` that a dict describes.
 
-    Raise FileError for unknown keys, and for values that the constructor refuses.
+    The class is named under "type", or is `implied` by the field that the dict stands in. Raise
+    FileError, which names the place `where`, for unknown keys, for values that the constructor
+    refuses, and for objects nested too deeply (`depth` levels so far).
     """
     name = data.get("type", implied.__name__ if implied else None)
     if not isinstance(name, str) or name not in TYPES:
@@ -298,9 +304,10 @@ def _decode_object(data, where, implied, depth):
 
 
 def _require_field_type(value, kind, where):
-    """Raise FileError if a decoded value does not fit the annotation `kind` of its field.
+    """Raise FileError if a decoded value has a type that its field does not take.
 
-    This concerns wrong types that the constructor of the class would not notice.
+    Only wrong types that the constructor of the class would not notice are refused. `kind` is the
+    annotation of the field as text, and `where` its place in the file.
     """
     numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
     if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
@@ -347,7 +354,7 @@ def has_no_default(field: dataclasses.Field) -> bool:
 
 
 def _suggest_name(name, known):
-    """Return the end of a message on an unknown name: the most similar known one, or all known."""
+    """Return the end of a message on an unknown name: "; did you mean ...", or all known names."""
     # 0.6, Python's default, takes "stays" for "backstay"
     near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.7)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"

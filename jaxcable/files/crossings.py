@@ -58,9 +58,9 @@ class SplitNet(NamedTuple):
 
     Attributes:
         nodes: the nodes of the net, followed by new ones, [n_all, 3], m.
-        links: node numbers of the pieces, [n_piece, 2].
-        original_link: link that a piece belonged to, [n_piece].
-        length_fraction: length of the piece over that of the link, [n_piece].
+        links: node numbers of the parts of links, [n_piece, 2].
+        original_link: index of the link that each part belonged to, [n_piece].
+        length_fraction: length of each part over that of its link, [n_piece].
     """
 
     nodes: Float[np.ndarray, "n_all 3"]
@@ -87,12 +87,13 @@ def find_nodes_on_links(
 ) -> NodesOnLinks:
     """Find the nodes that lie on a link in plan, and not at its ends.
 
-    Such a node is at most `tolerance`, m, plus `share` times the link's length away from the link,
-    and farther than that from its ends; the length is that of the shortest link at the node if
-    this is shorter. On a vertical link the position of a node is measured by its height.
+    A node lies on a link if its distance from the link in plan is at most d, and its distances from
+    the ends are larger than d, with d = `tolerance` (m) + `share` times the length of the link, or
+    of the shortest link at the node if this is shorter. On a vertical link the position of a node
+    is measured by its height.
     """
     length, shortest = link_lengths(nodes, links)
-    tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
+    tree, owner, step = _kd_tree_of_segments(nodes[:, :2], links)
     used = np.unique(links)
     reach = tolerance + share * float(length.max())
     found = scipy.spatial.cKDTree(nodes[used, :2]).sparse_distance_matrix(
@@ -139,7 +140,7 @@ def find_crossings(
     close = np.abs(joints.height) <= limit
     apart = int((~close).sum())
     joints = NodesOnLinks(*(value[close] for value in joints))
-    tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
+    tree, owner, step = _kd_tree_of_segments(nodes[:, :2], links)
     pairs = np.sort(owner[tree.query_pairs(step * (1 + 1e-9), output_type="ndarray")], axis=1)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     pairs = _unique_pairs(pairs[:, 0], pairs[:, 1], len(links))
@@ -160,7 +161,7 @@ def find_crossings(
     inside = np.minimum(at, 1 - at) * flat[pairs] > tolerance
     good = skew & inside.all(axis=1)
     pairs, at = pairs[good], at[good]
-    good = _have_no_common_node(pairs, links, joints)
+    good = _share_no_node(pairs, links, joints)
     pairs, at = pairs[good], at[good]
     height = first[pairs, 2] + at * way[pairs, 2]
     length, _ = link_lengths(nodes, links)
@@ -209,12 +210,12 @@ def split_links(
     return SplitNet(np.concatenate([nodes, new]), cut[single], link[:-1][real][single], share)
 
 
-def _tree_of_link_pieces(plan, links):
-    """Cut links into short pieces, so that a search for crossings compares neighbors only.
+def _kd_tree_of_segments(plan, links):
+    """Cut links into short segments, so that a search for crossings compares neighbors only.
 
-    `plan` are the nodes in plan, [n_node, 2], m. Return a k-d tree of the middles of the pieces,
-    the link of each piece, and the largest length of a piece, m: pieces whose middles are farther
-    apart do not cross.
+    `plan` are the nodes in plan, [n_node, 2], m. Return a k-d tree of the midpoints of the
+    segments, the index of the link of each segment, and the largest length of a segment, m:
+    segments whose midpoints are farther apart than this do not cross.
     """
     first, way = plan[links[:, 0]], plan[links[:, 1]] - plan[links[:, 0]]
     length = np.linalg.norm(way, axis=1)
@@ -232,12 +233,19 @@ def _unique_pairs(first, second, count):
 
 
 def _cross_product_in_plan(a, b):
-    """Return the z component of the cross products of vectors in plan, [n, 2] each, as [n]."""
+    """Return the z components of cross products of vectors; both arguments are [n, 2 or 3].
+
+    The result is [n].
+    """
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _have_no_common_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
-    """Return for pairs of links, [n, 2], whether no node is an end of or lies on both, [n] bool."""
+def _share_no_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
+    """Return for pairs of links, [n, 2] indices, whether the two have no node in common, [n] bool.
+
+    The nodes of a link are its ends, and those that lie on it according to `joints`, a
+    `NodesOnLinks`.
+    """
     on: dict[int, set[int]] = {}
     for link, node in zip(joints.link.tolist(), joints.node.tolist(), strict=True):
         on.setdefault(link, set(links[link].tolist())).add(node)
@@ -252,7 +260,12 @@ def _have_no_common_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
 def _merge_crossings(places, pairs, tolerance):
     """Return the index of the new node of each crossing, [n_crossing].
 
-    Crossings within `tolerance` of each other in plan that share a link get the same node.
+    Crossings that share a link and are at most `tolerance`, m, apart in plan get the same node.
+
+    Args:
+        places: positions of the crossings in plan, [n_crossing, 2], m.
+        pairs: indices of the two links of each crossing, [n_crossing, 2].
+        tolerance: distance, m.
     """
     if not len(places):
         return np.zeros(0, int)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.units import UnitsLike, as_units
 from .csv_tables import read_table, require_same_decimal_mark
-from .net_units import read_in_units
+from .net_units import net_in_si_or_warn
 from .nets import ELEMENT_CLASSES, GROUP_PROPERTIES, PRESTRESS_INPUTS, Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError
@@ -116,11 +116,15 @@ def read_csv(
         names=tuple(names),
         omissions=table.rows(),
     )
-    return read_in_units(net, nodes, shown)
+    return net_in_si_or_warn(net, nodes, shown)
 
 
 def _column_aliases(columns):
-    """Return a dict from the file's column names, in small letters, to ours; None for None."""
+    """Return a dict from the file's column names, in lower case, to those that `read_csv` knows.
+
+    `columns` has the file's names by known ones; None gives None. Raise ValueError for an unknown
+    column, or a name that occurs twice.
+    """
     if columns is None:
         return None
     known = (*_NODE_COLUMNS, *_LINK_COLUMNS)
@@ -135,7 +139,11 @@ def _column_aliases(columns):
 
 
 def _held_directions(line):
-    """Return whether x, y and z of a node are held, by its field ``support`` or ``free``."""
+    """Return whether x, y and z of a node are held, three bools, by its ``support`` or ``free``.
+
+    `line` is the `TableRow` of the node. Raise FileError if both fields are given, or a field
+    cannot be read.
+    """
     if "free" not in line.fields:
         return _parse_directions(line, "support")
     if line.text("support"):
@@ -146,7 +154,7 @@ def _held_directions(line):
 
 
 def _parse_directions(line, column):
-    """Return whether a field such as 0, 1 or "xz" names each of x, y and z: a list of bools."""
+    """Return which of x, y, z a field of a `TableRow` names (0, 1 or "xz"), a list of bools."""
     word = line.text(column).lower()
     if word in _WORDS:
         return [_WORDS[word]] * 3

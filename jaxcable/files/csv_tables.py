@@ -51,7 +51,7 @@ class TableRow(NamedTuple):
         if self.decimal_commas and _DECIMAL_COMMA.fullmatch(word):
             word = word.replace(",", ".")
         try:
-            value = reading.number(word)
+            value = reading.parse_number(word)
         except ValueError as error:
             raise FileError(f"{self.place}: {column}: {error}") from None
         if not np.isfinite(value):
@@ -121,7 +121,7 @@ def require_same_decimal_mark(*tables: Sequence[TableRow]) -> None:
 def _lines_and_separator(text):
     """Return the lines of a table as pairs (line number, line), and the character between fields.
 
-    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and
+    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and may
     name the separator in a line of its own before the header, ``sep=;``.
     """
     lines = list(enumerate(io.StringIO(text, newline=None), 1))
@@ -137,11 +137,16 @@ def _lines_and_separator(text):
 
 
 def _column_names(place, header, known, needed, aliases, table):
-    """Return our name of each column of a header, in a list; None for a column that is left out.
+    """Return for each column of a header its known name, or None for a column that is left out.
 
-    With `aliases` unknown columns are left out and added to `table`; without (None) they raise
-    FileError, as missing and repeated columns do in either case. `place` names the header in
-    messages; `header` is a list of texts; others are those of `read_table`.
+    Args:
+        place: file and line of the header, in words, for messages.
+        header: texts of its fields, a list.
+        known, needed: names of the columns that are read, and of those that must be there.
+        aliases: known names by the file's names, in lower case. With a dict unknown columns are
+            left out and added to `table`; with None they raise FileError, as missing and repeated
+            columns do in either case.
+        table: table of omissions.
     """
     words = [word.strip().lower() for word in header]
     named = aliases or {}

@@ -34,9 +34,10 @@ class DistributedLoads(NamedTuple):
     on_faces: Float[np.ndarray, "n_face 3"]
 
     def to_nodes(self) -> Float[np.ndarray, "n_node 3"]:
-        """Return the nodal loads that the loads of edges and faces amount to, [n_node, 3], N.
+        """Return the nodal loads that replace the loads of edges and faces, [n_node, 3], N.
 
-        An edge gives half of its load to each end; the sides of a face take its load by areas.
+        Half of the load of an edge acts at each end. Each side of a face takes the load on the
+        triangle between it and the mean of the corners, half of it at each end.
         """
         found = np.zeros_like(self.nodes)
         ends = self.nodes[self.links]
@@ -54,38 +55,42 @@ class DistributedLoads(NamedTuple):
         return found
 
 
-def add_distributed_loads(
-    own: Float[np.ndarray, "n_node 3"],
-    spread: DistributedLoads,
-    densities: Float[np.ndarray, " n_edge"],
-    held: Bool[np.ndarray, " n_node"],
+def add_missing_distributed_loads(
+    nodal_loads: Float[np.ndarray, "n_node 3"],
+    distributed: DistributedLoads,
+    force_densities: Float[np.ndarray, " n_edge"],
+    supported: Bool[np.ndarray, " n_node"],
     table: Omissions,
 ) -> Float[np.ndarray, "n_node 3"]:
-    """Return the sum of the loads of nodes, and of edges and faces as nodal loads, [n_node, 3], N.
+    """Return nodal loads with those of edges and faces added, unless they contain these already.
 
-    Files of results may hold the loads of edges and faces twice: as such, and in the loads of
-    nodes. This is so if the loads of nodes alone are in balance with the force densities; then
-    `own` is returned.
+    Files of results may state the loads of edges and faces twice: as such, and in the loads of
+    nodes. This is so if the loads of nodes alone balance the force densities at all free nodes;
+    then `nodal_loads` is returned unchanged.
 
     Args:
-        own: loads of nodes in the file, [n_node, 3], N.
-        spread: loads of edges and faces.
-        densities: force densities of the edges, N/m; zero for none.
-        held: whether a support holds a node.
+        nodal_loads: loads of nodes in the file, [n_node, 3], N.
+        distributed: loads of edges and faces.
+        force_densities: of the edges in the file, [n_edge], N/m, zero for none; all zero: loads are
+            added.
+        supported: whether a support holds a node, [n_node].
         table: table of omissions, which counts loads that are not added.
+
+    Returns:
+        [n_node, 3], N.
     """
-    more = spread.to_nodes()
-    free = ~held
+    more = distributed.to_nodes()
+    free = ~supported
     size = np.abs(more[free]).max(initial=0.0)
-    if own[free].any() and densities.any() and size > 0:
-        rest = own.copy()
-        ends = spread.nodes[spread.links]
-        pull = densities[:, None] * (ends[:, 1] - ends[:, 0])
-        np.add.at(rest, spread.links[:, 0], pull)
-        np.add.at(rest, spread.links[:, 1], -pull)
+    if nodal_loads[free].any() and force_densities.any() and size > 0:
+        rest = nodal_loads.copy()
+        ends = distributed.nodes[distributed.links]
+        pull = force_densities[:, None] * (ends[:, 1] - ends[:, 0])
+        np.add.at(rest, distributed.links[:, 0], pull)
+        np.add.at(rest, distributed.links[:, 1], -pull)
         if np.abs(rest[free]).max() <= _BALANCED * size:
             why = "in the loads of nodes already, which are in balance with q"
-            table.add("load of an edge", "", why, int(spread.on_edges.any(axis=1).sum()))
-            table.add("load of a face", "", why, int(spread.on_faces.any(axis=1).sum()))
-            return own
-    return own + more
+            table.add("load of an edge", "", why, int(distributed.on_edges.any(axis=1).sum()))
+            table.add("load of a face", "", why, int(distributed.on_faces.any(axis=1).sum()))
+            return nodal_loads
+    return nodal_loads + more

@@ -16,7 +16,7 @@ from ..common import checks
 from ..common.compilation import without_garbage_collection
 from ..common.units import UnitsLike
 from .arcs import points_along_entity
-from .net_units import scale_in_units
+from .net_units import metres_per_drawing_unit
 from .nets import Net
 from .omissions import Omissions
 from .polylines import Polyline, net_from_polylines
@@ -101,8 +101,8 @@ def read_dxf(
         >>> len(net.links), set(net.groups), int(net.fixed[:, 0].sum())
         (12, {'Cables'}, 8)
     """
-    stated = scale_in_units(units, None)
-    scale = scale_in_units(units, scale)
+    stated = metres_per_drawing_unit(units, None)
+    scale = metres_per_drawing_unit(units, scale)
     if (scale is not None and not 0 < scale < np.inf) or not 0 <= tolerance < np.inf:
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
     if sagitta is not None and not 0 < sagitta < np.inf:
@@ -165,7 +165,7 @@ def _read_visible_entities(document, sagitta, hidden, table):
             table.add("external reference", repr(files[name]), why)
         else:
             found.append(content)
-    _count_paper_space(document, table)
+    _record_paper_space_entities(document, table)
     return found
 
 
@@ -235,8 +235,8 @@ def _hidden_layers(document):
     return why
 
 
-def _count_paper_space(document, table):
-    """Count the entities in paper space, other than viewports, in the table of omissions."""
+def _record_paper_space_entities(document, table):
+    """Add the entities in paper space, other than viewports, to the table of omissions."""
     for layout in document.layouts:
         if layout.is_any_paperspace:
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)

@@ -16,7 +16,7 @@ from ..model.result_parts import element_faces, named_groups_of
 from ..model.structure import Structure
 from .dxf import BARS_PROPERTY, METRES_PER_UNIT, SUPPORTS_PROPERTY, import_ezdxf
 from .end_of_analysis import end_state, require_suffix
-from .net_units import scale_in_units
+from .net_units import metres_per_drawing_unit
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points
@@ -68,7 +68,7 @@ def save_dxf(
         >>> print(f"{net.nodes[:, 2].min():.6f} m")
         -0.012838 m
     """
-    path, scale = require_suffix(path, ".dxf"), scale_in_units(units, scale)
+    path, scale = require_suffix(path, ".dxf"), metres_per_drawing_unit(units, scale)
     scale = 1.0 if scale is None else scale
     codes = {metres: unit for unit, metres in METRES_PER_UNIT.items()}
     if scale not in codes:

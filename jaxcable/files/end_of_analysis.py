@@ -25,7 +25,10 @@ def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
 
 
 def end_state(structure: Structure, solution: Solution) -> State:
-    """Return the last state of an analysis; raise ValueError for a batch or another structure."""
+    """Return the last converged state of an analysis, ``solution.last``.
+
+    Raise ValueError for a batch, or if `structure` has another topology than the one analysed.
+    """
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     return solution.last
@@ -34,6 +37,9 @@ def end_state(structure: Structure, solution: Solution) -> State:
 def concatenate_groups(
     groups: Sequence[Element], values: Sequence[Float[np.ndarray, " n_elem"] | None]
 ) -> Float[np.ndarray, " n_all"]:
-    """Concatenate the element values of all groups, [n_all]; NaN for a group with None."""
+    """Concatenate element values of all groups to an array, [n_all]; NaN for groups without values.
+
+    `values` has an array [n_elem], or None, for each of the `groups`.
+    """
     parts = zip(groups, values, strict=True)
     return np.concatenate([np.full(len(g.links), np.nan) if v is None else v for g, v in parts])

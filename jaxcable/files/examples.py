@@ -24,7 +24,10 @@ def load_schema_examples() -> dict[str, Any]:
 
 
 def editor_snippets(names: list[str]) -> list[dict[str, Any]]:
-    """Return examples of the named classes as editors take them: [{"label": ..., "body": ...}]."""
+    """Return the examples of the named classes as editors take them.
+
+    The result is a list of {"label": text, "body": example in JSON data}.
+    """
     return [
         {"label": label, "body": example}
         for name in names

@@ -31,10 +31,10 @@ def class_summary(cls: type) -> str:
 
 
 def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
-    """Return what the docstring of a class says about each field: a dict from field to one line.
+    """Return the description of each field in the docstring of a class, one line by field.
 
     Fields are entries of "Args" or "Attributes", or items of a list with their name in front. An
-    entry like "as of `Bars`" is replaced by what the docstring of that class says.
+    entry like "as of `Bars`" is replaced by the description in the docstring of that class.
 
     Args:
         cls: the class.
@@ -52,7 +52,10 @@ def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]
 
 
 def _described_fields(text: str) -> Iterator[tuple[list[str], str]]:
-    """Yield the names of fields in each entry of a docstring, and its words on one line."""
+    """Yield (names, text) for each entry of a docstring that describes fields.
+
+    `names` are the fields of the entry, a list, and the text is its description on one line.
+    """
     names: list[str] = []
     words: list[str] = []
     deeper = ""
@@ -72,7 +75,10 @@ def _described_fields(text: str) -> Iterator[tuple[list[str], str]]:
 
 
 def _resolve_reference(name: str, words: str, classes: Mapping[str, type]) -> str:
-    """Return the description of a field; for "as of `Bars`" that of the field in this class."""
+    """Return the description of a field, with "as of `Bars`" replaced by what that class says.
+
+    `words` is the description in the docstring, and `classes` has classes by name.
+    """
     other, _, own = words.partition("`")[2].partition("`")
     if not words.startswith(_SAME) or other not in classes:
         return words
@@ -106,12 +112,12 @@ def field_units(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
         cls: the class.
         classes: other classes, by the names under which docstrings refer to them.
     """
-    return _field_units(cls, tuple(classes.items()))
+    return _cached_field_units(cls, tuple(classes.items()))
 
 
 @functools.lru_cache(256)
-def _field_units(cls, classes):
-    """Return what `field_units` does; the classes are pairs, so that they can be hashed."""
+def _cached_field_units(cls, classes):
+    """Return units by field as `field_units`, cached; `classes` are pairs (name, class)."""
     described: dict[str, str] = {}
     for base in reversed(cls.__mro__[:-1]):  # inherited fields are described there
         described |= field_descriptions(base, dict(classes))
@@ -122,11 +128,11 @@ def _field_units(cls, classes):
     return {name: unit for name, unit in units.items() if unit is not None}
 
 
-def holds_numbers(cls: type, name: str, annotation: str) -> bool:
-    """Return whether a field holds numbers that have a unit, by its annotation.
+def may_have_unit(cls: type, name: str, annotation: str) -> bool:
+    """Return whether a field may hold numbers that have a unit, judged by its annotation.
 
-    Numbers of nodes and elements, flags and texts have none. A class of a user may have no
-    annotations that say so: whatever is no index may be a number then.
+    Indices, flags and texts have none. Without an annotation that says so (in a user's class) any
+    field that is not one of indices may.
     """
     # without postponed annotations the text is that of a class
     annotation = annotation.removeprefix("<class '").removesuffix("'>")

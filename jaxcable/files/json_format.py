@@ -7,7 +7,11 @@ from typing import Any
 
 
 def format_json(data: Any, indent: int = 0) -> str:
-    """Return plain data as JSON text, with objects indented and all digits of numbers."""
+    """Return plain data as JSON text that a person can read, with all digits of numbers.
+
+    Objects and nested lists are indented, and lists of numbers stand on one line. NaN raises
+    ValueError. `indent` is the number of spaces before the fields of the enclosing object.
+    """
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:
         items = (f"{json.dumps(key)}: {format_json(v, indent + 1)}" for key, v in data.items())

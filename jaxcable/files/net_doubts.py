@@ -67,9 +67,10 @@ def near_node_pairs(
 def unjoined_ends(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> list[UnjoinedEnd]:
-    """Find ends (nodes of a single link) that almost touch another node or link.
+    """Find ends of links (nodes with a single link) that almost touch another node or link.
 
-    Their distance in space is below 1 % of the shortest link there. The list is sorted by node.
+    Their distance from it in space is below 1 % of the shortest link there. The list is sorted by
+    the index of the node.
     """
     single = np.bincount(links.ravel(), minlength=len(nodes)) == 1
     found = {}
@@ -92,7 +93,7 @@ def describe_likely_mistakes(
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
 ) -> list[str]:
-    """Return a text for each kind of likely mistake in a net, which says what to do: a list.
+    """Return a text for each kind of likely mistake in a net, with what to do about it, a list.
 
     The kinds are nodes very close to each other, links that cross without a node, and ends that
     almost touch a link.
@@ -116,7 +117,7 @@ def describe_likely_mistakes(
         some = (
             nodes[found.joints.node[:1]]
             if len(found.joints.link)
-            else _first_crossing(nodes, links, found)
+            else _first_crossing_position(nodes, links, found)
         )
         told.append(
             f"{pluralize(len(found.pairs), 'crossing')} of links in plan without a node, and "
@@ -138,7 +139,7 @@ def describe_likely_mistakes(
     return told
 
 
-def _first_crossing(nodes, links, found):
+def _first_crossing_position(nodes, links, found):
     """Return the position of the first of the `Crossings` on the first of its links, [1, 3], m."""
     first, last = nodes[links[found.pairs[0, 0]]]
     return (first + found.fractions[0, 0] * (last - first))[None]

@@ -44,9 +44,9 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
     for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
         if isinstance(usual.get(key), dict):
             usual, key_path = usual[key], [*key_path, key]
-    _count_foreign_type(data, table)
+    _record_foreign_type(data, table)
     if "vertex" in usual or "node" in usual:
-        _count_other_contents(data, key_path, table)
+        _record_contents_beside_net(data, key_path, table)
         return FoundNet(usual, "")
     nets = list(_search_nets(data, []))
     if not nets:
@@ -61,12 +61,15 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
     for other, _ in nets:
         if other != key_path:
             table.add("net", _format_key_path(other), "the first net of a file is read")
-    _count_other_contents(data, key_path, table)
+    _record_contents_beside_net(data, key_path, table)
     return FoundNet(net, f"{_format_key_path(key_path)}.")
 
 
-def _count_foreign_type(data, table):
-    """Count the type that a file states, ``package/Class``, if its package is not of compas."""
+def _record_foreign_type(data, table):
+    """Add the type of a file, ``package/Class``, to the table of omissions if it is not of compas.
+
+    `data` are those of the whole file.
+    """
     kind = data.get("dtype") or data.get("datatype")
     if not isinstance(kind, str) or "/" not in kind:
         return
@@ -85,7 +88,7 @@ def _is_net(data: Any) -> bool:
 
 
 def _search_nets(data: Any, key_path: list[Any]) -> Iterator[tuple[list[Any], Any]]:
-    """Generate the nets (`_is_net`) in nested data as pairs: the keys that lead to it, its object.
+    """Generate the nets (see `_is_net`) in nested JSON data: pairs (keys that lead to one, object).
 
     `key_path` has the keys that lead to `data` itself. Nets inside of a net are left out, as are
     those below `_DEEPEST` levels.
@@ -111,8 +114,11 @@ def _format_key_path(key_path: list[Any]) -> str:
     )
 
 
-def _count_other_contents(data: Any, key_path: list[Any], table: Omissions) -> None:
-    """Count in `table` what lies beside the net at the keys `key_path`, apart from other nets."""
+def _record_contents_beside_net(data: Any, key_path: list[Any], table: Omissions) -> None:
+    """Add contents of a file beside its net, apart from other nets, to the table of omissions.
+
+    `data` are those of the whole file, and `key_path` has the keys that lead to the net.
+    """
     for depth, key in enumerate(key_path):
         for other, value in _keys_and_values(data):
             if other == key or other in _WRAPPING or not value or any(_search_nets(value, [])):

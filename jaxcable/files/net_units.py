@@ -21,7 +21,10 @@ smaller. A net of 8 m whose nodes are in mm has 8000."""
 
 
 def net_in_si(net: Net, units: Units) -> Net:
-    """Return a net, whose numbers are in `units`, with numbers in SI units."""
+    """Return a net with all numbers converted to SI from `units`.
+
+    Raise ValueError if a property depends on a unit of temperature that `units` do not state.
+    """
     values = {}
     for name, numbers in net.values.items():
         unit = unit_of_net_value(name)
@@ -36,24 +39,27 @@ def net_in_si(net: Net, units: Units) -> Net:
 
 
 def unit_of_net_value(name: str) -> str:
-    """Return the SI unit of a property of cables, or of a prestress, in ``Net.values``."""
+    """Return the SI unit of an entry of ``Net.values``, a property of cables or a prestress."""
     return field_units(Phase if name in PRESTRESS_INPUTS else Cables, TYPES)[name]
 
 
-def read_in_units(net: Net, path: str | PathLike[str], units: UnitsLike | None) -> Net:
-    """Return a net that was read from a file in `units`, with numbers in SI units.
+def net_in_si_or_warn(net: Net, path: str | PathLike[str], units: UnitsLike | None) -> Net:
+    """Return a net that was read from a file, with its numbers converted to SI from `units`.
 
-    Without units (None) the numbers are in SI already; then an `InputWarning` asks for the unit of
-    a net that is implausibly large.
+    Without units (None) the numbers are taken as SI; an `InputWarning`, which names the file
+    `path`, then asks for the unit of a net that is implausibly large.
     """
     if units is not None:
         return net_in_si(net, as_units(units))
-    warn_of_extent(net, path)
+    warn_if_implausibly_large(net, path)
     return net
 
 
-def warn_of_extent(net: Net, path: str | PathLike[str]) -> None:
-    """Warn of a net that is so large, in m, that its file may be in millimeters."""
+def warn_if_implausibly_large(net: Net, path: str | PathLike[str]) -> None:
+    """Issue an `InputWarning` for a net larger than 1 km: its file may be in millimetres.
+
+    `path` is the file, for the message.
+    """
     extent = float(np.ptp(net.nodes, axis=0).max())
     if extent > LARGEST_EXTENT:
         warn_user(
@@ -62,8 +68,8 @@ def warn_of_extent(net: Net, path: str | PathLike[str]) -> None:
         )
 
 
-def scale_in_units(units: UnitsLike | None, scale: float | None) -> float | None:
-    """Return the metres per unit of a drawing that `units` mean, or `scale` where they are None.
+def metres_per_drawing_unit(units: UnitsLike | None, scale: float | None) -> float | None:
+    """Return the length of `units` in metres, or `scale` (metres per unit) if `units` are None.
 
     Raises:
         ValueError: both are given.

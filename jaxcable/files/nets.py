@@ -250,11 +250,12 @@ class Net:
         )
 
     def _values_by_group(self, name, given, chosen):
-        """Return the values of a property by group: a dict from group name to [n_elem] values.
+        """Return the values of a property by group, a dict of arrays [n_elem of the group].
 
-        Values in the file come first; `given`, a scalar or a dict by group, fills those that are
-        missing. Groups without any value are not in the dict. `chosen` has the elements of each
-        group, [n_elem] bool, by name.
+        Values in the file come first; the user's `given`, a scalar or a dict by group, replace
+        missing ones. Groups without any value are not in the dict. `name` is the property, and
+        `chosen` has the elements of each group, [n_elem] bool, by name. Raise ValueError if some
+        elements of a group have a value and others do not.
         """
         values = self.values.get(name)
         values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
@@ -291,7 +292,11 @@ class Net:
         return ELEMENT_CLASSES[kinds.pop()](self.links[mask], **properties)
 
     def _supports_with_anchors(self, anchors):
-        """Return the `Supports` of the file and of the user's anchors; warn of likely mistakes."""
+        """Return the `Supports` of the file and of the user's `anchors` (as of `scene`) together.
+
+        An `InputWarning` names likely mistakes. Raise ValueError if there are no supports, an end
+        is a gap in the drawing, or a part of the net is not connected to a support.
+        """
         fixed = self.fixed.copy()
         words = [anchors] if isinstance(anchors, str) else anchors
         ends = False
@@ -314,7 +319,10 @@ class Net:
         return Supports(mask=fixed)
 
     def _refuse_unjoined_ends(self, fixed):
-        """Raise ValueError for an end that touches another node or link, unless it is `fixed`."""
+        """Raise ValueError for an end that touches another node or link, unless a support holds it.
+
+        `fixed` says which displacements are held, [n_node, 3] bool.
+        """
         gaps = net_doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
@@ -328,7 +336,10 @@ class Net:
             )
 
     def _require_connection_to_supports(self, held):
-        """Raise ValueError if a part of the net has no `held` node; warn of likely mistakes."""
+        """Raise ValueError if a part of the net has no supported node; warn of likely mistakes.
+
+        `held` says which nodes are supported, [n_node] bool.
+        """
         told = net_doubts.describe_likely_mistakes(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]

@@ -94,10 +94,10 @@ def save_network(
 
 
 def _edge_attributes(structure, last, places):
-    """Return a dict from the node pair of each straight piece of an element to its attributes.
+    """Return a dict from node pairs to attributes of edges, the straight segments of elements.
 
-    The force and unstressed length are those of the state `last`, none if it is None; `places` are
-    the positions of the nodes, [n_node, 3], m.
+    Forces (N) and unstressed lengths (m) are those of the state `last`, none if it is None;
+    `places` are the positions of the nodes, [n_node, 3], m.
     """
     ends, element, owner = straight_pieces(structure.groups)
     count = np.bincount(element)
@@ -124,7 +124,10 @@ def _edge_attributes(structure, last, places):
 
 
 def _graph_data(nodes, edges):
-    """Return the JSON data of a compas Graph: `nodes` by name, `edges` by pair of node numbers."""
+    """Return the JSON data of a compas Graph.
+
+    `nodes` are attributes by the name of the node, and `edges` by pairs of node numbers.
+    """
     table: dict[str, Any] = {name: {} for name in nodes}
     for (i, j), about in edges.items():
         table[str(i)][str(j)] = about
@@ -138,7 +141,11 @@ def _graph_data(nodes, edges):
 
 
 def _mesh_data(nodes, edges, faces):
-    """Return the JSON data of a compas Mesh; refuse faces whose sides are not the edges."""
+    """Return the JSON data of a compas Mesh; ValueError for faces whose sides are not the edges.
+
+    `nodes` are attributes by the name of the node, `edges` by pairs of node numbers, and `faces`
+    node numbers, [n_face, 3 or 4].
+    """
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")

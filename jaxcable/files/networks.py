@@ -9,9 +9,9 @@ import numpy as np
 
 from ..common.units import UnitsLike, as_units
 from . import attributes as about
-from .distributed_loads import DistributedLoads, add_distributed_loads
+from .distributed_loads import DistributedLoads, add_missing_distributed_loads
 from .net_search import FoundNet, find_net
-from .net_units import read_in_units
+from .net_units import net_in_si_or_warn
 from .nets import Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
@@ -76,15 +76,18 @@ def read_network(
     data = read_json(path, largest)
     with Omissions(path) as table:
         net = _net_from_data(find_net(data, table), table)
-    return read_in_units(net, path, shown)
+    return net_in_si_or_warn(net, path, shown)
 
 
 def _net_from_data(found: FoundNet, table: Omissions) -> Net:
-    """Make the `Net` of a network or mesh in JSON data; count what is not read in `table`."""
+    """Make the `Net` of a network or mesh in JSON data.
+
+    What is not read is added to `table`, the omissions.
+    """
     data, inside = found
     mesh = "vertex" in data
     kind = "vertex" if mesh else "node"
-    nodes = _require_object(data, kind, inside)
+    nodes = _optional_object(data, kind, inside)
     if not nodes:
         raise FileError(f"{inside}{kind}: missing; no network or mesh of compas")
     defaults = _default_attributes(data, kind, "dva" if mesh else "dna")
@@ -92,7 +95,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
         node = about.with_defaults(given, defaults, inside + where)
-        about.count_unread_attributes(node, about.NODE_KEYS, f"a {kind}", where, table)
+        about.record_unread_attributes(node, about.NODE_KEYS, f"a {kind}", where, table)
         where = inside + where
         positions.append(about.node_coordinates(node, where))
         own.append(about.load_vector(node, where))
@@ -117,16 +120,16 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
     densities, on_edges = _edge_densities_and_loads(edges, lengths, table)
     on_faces = _face_loads(data, faces, table)
-    _count_other_attributes(data, table)
+    _record_unread_fields(data, table)
     held = np.array(fixed)
     spread = DistributedLoads(places, links, on_edges, list(faces.values()), on_faces)
-    loads = add_distributed_loads(np.array(own), spread, densities, held[:, 0], table)
+    loads = add_missing_distributed_loads(np.array(own), spread, densities, held[:, 0], table)
     return Net(
         nodes=places,
         links=links,
         fixed=held,
         loads=loads if loads.any() else None,
-        values=_edge_properties(edges, densities, table),
+        values=_force_densities_or_lengths(edges, densities, table),
         **_edge_kinds_and_groups(edges, densities, table),
         names=tuple(names),
         omissions=table.rows(),
@@ -136,8 +139,14 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
 def _select_edges_of_net(attributes, defaults, names):
     """Return the edges that their flags ``_is_edge`` and ``is_edge`` do not exclude from the net.
 
-    They are node numbers, [n_edge, 2], and for each edge its place in words and its attributes.
-    `attributes` is a dict by pairs of node numbers, and `defaults` are those of all edges.
+    Returns:
+        Node numbers, [n_edge, 2], and for each edge a pair: its place in the file, in words, and
+        its attributes.
+
+    Args:
+        attributes: attributes of edges by pairs of node numbers.
+        defaults: attributes that all edges have unless they state others.
+        names: names of the nodes in order, a list.
     """
     pairs, edges = [], []
     for pair, given in attributes.items():
@@ -154,22 +163,25 @@ def _select_edges_of_net(attributes, defaults, names):
 def _edge_densities_and_loads(edges, lengths, table):
     """Return the force densities, [n_edge], N/m, and line loads, [n_edge, 3], N/m, of edges.
 
-    `lengths` are those of the edges, m. Attributes that are not read are counted in `table`.
+    `edges` are pairs (place in the file, attributes), and `lengths` are those of the edges, m.
+    Attributes that are not read are counted in the omissions `table`.
     """
     densities, loads = [], []
     for (where, edge), length in zip(edges, lengths, strict=True):
         densities.append(about.edge_force_density(edge, length, where))
         loads.append(about.load_vector(edge, where))
-        about.count_unread_attributes(edge, about.EDGE_KEYS, "an edge", where, table)
-        about.count_conflicting_results(edge, densities[-1], float(length), where, table)
+        about.record_unread_attributes(edge, about.EDGE_KEYS, "an edge", where, table)
+        about.record_conflicting_results(edge, densities[-1], float(length), where, table)
     return np.array(densities), np.array(loads)
 
 
-def _edge_properties(edges, densities, table):
-    """Return the force densities of the edges, or if none has one the unstressed lengths.
+def _force_densities_or_lengths(edges, densities, table):
+    """Return the force densities of the edges, N/m, or if none has one the unstressed lengths, m.
 
-    The result is a dict from the name of the property to [n_edge], NaN where there is no value;
-    empty if no edge has either.
+    The result is a dict from the name of the property in ``Net.values`` to [n_edge], NaN where
+    there is no value; empty if no edge has either. `edges` are pairs (place in the file,
+    attributes), `densities` are [n_edge] with 0 for none, and `table` counts lengths that are not
+    read.
     """
     known = densities != 0
     if known.any():
@@ -178,7 +190,7 @@ def _edge_properties(edges, densities, table):
                 why = "other edges have force densities"
                 table.add("attribute 'l0' of an edge", where, why)
         return {"force_density": np.where(known, densities, np.nan)}
-    rest = np.array([about.finite_number(edge, "l0", where) for where, edge in edges])
+    rest = np.array([about.read_finite_number(edge, "l0", where) for where, edge in edges])
     if (rest < 0).any():
         where, _ = edges[int((rest < 0).argmax())]
         raise FileError(f"{where}.l0: expected a length, got {rest.min()}")
@@ -186,9 +198,10 @@ def _edge_properties(edges, densities, table):
 
 
 def _edge_kinds_and_groups(edges, densities, table):
-    """Return a dict: ``kinds``, "cable" or "bar" of each edge, and ``groups``, their group names.
+    """Return {"kinds": "cable" or "bar" of each edge, "groups": their group names or None}.
 
-    A negative force density makes all edges of its group bars. ``groups`` is None for a single one.
+    A negative force density makes all edges of its group bars. The groups are None if there is only
+    one. `edges` are pairs (place in the file, attributes), and `densities` [n_edge], N/m.
     """
     labels = []
     for where, edge in edges:
@@ -209,29 +222,30 @@ def _edge_kinds_and_groups(edges, densities, table):
 
 
 def _face_loads(data, faces, table):
-    """Return the loads of faces per area, [n_face, 3], N/m2; count attributes that are not read.
+    """Return the loads of faces per area, [n_face, 3], N/m2, in the order of `faces`.
 
-    `faces` has the node numbers around each face by its name.
+    `data` are those of the mesh, and `faces` has the node numbers around each face by its name.
+    Attributes that are not read are added to `table`, the omissions.
     """
     defaults = _default_attributes(data, "face", "dfa")
-    given = _require_object(data, "facedata", "")
+    given = _optional_object(data, "facedata", "")
     for name in given.keys() - faces.keys():
         table.add("attributes of a face that is not there", f"facedata[{name!r}]")
     loads = []
     for name in faces:
         where = f"facedata[{name!r}]"
         face = about.with_defaults(given.get(name), defaults, where)
-        about.count_unread_attributes(face, about.FACE_KEYS, "a face", where, table)
+        about.record_unread_attributes(face, about.FACE_KEYS, "a face", where, table)
         loads.append(about.load_vector(face, where))
     return np.array(loads).reshape(-1, 3)
 
 
-def _count_other_attributes(data, table):
-    """Count in `table` the fields of a net that are not read, beside nodes, edges and faces."""
+def _record_unread_fields(data, table):
+    """Add to the omissions `table` the fields of a net other than nodes, edges and faces."""
     whole = data.get("attributes")
     if isinstance(whole, dict):
         # the density of surfaces; without a thickness, which is counted, it has no weight
-        about.count_unread_attributes(
+        about.record_unread_attributes(
             whole, frozenset(("density",)), "the whole", "attributes", table
         )
     for key, value in data.items():
@@ -241,8 +255,11 @@ def _count_other_attributes(data, table):
             table.add(f"field {key!r}", "", about.REASONS.get(key, ""))
 
 
-def _require_object(data, key, inside):
-    """Return the JSON object under `key`, {} if there is none; raise FileError for other data."""
+def _optional_object(data, key, inside):
+    """Return the JSON object under `key`, {} if it is missing or null.
+
+    Raise FileError for other data; `inside` is the place of `data` in the file, before the key.
+    """
     found = data.get(key)
     found = {} if found is None else found
     if not isinstance(found, dict):
@@ -257,7 +274,7 @@ def _default_attributes(data, kind, short):
     """
     for key in (f"default_{kind}_attributes", short):
         if data.get(key) is not None:
-            return _require_object(data, key, "")
+            return _optional_object(data, key, "")
     return {}
 
 
@@ -267,7 +284,7 @@ def _network_edges(data, names, inside, table):
     `names` has the number of each node; `inside` is the place of the net in the file, for messages.
     """
     found: dict[tuple[int, int], Any] = {}
-    for i, others in _require_object(data, "edge", inside).items():
+    for i, others in _optional_object(data, "edge", inside).items():
         if not isinstance(others, dict):
             raise FileError(f"{inside}edge[{i!r}]: expected an object")
         for j, given in others.items():
@@ -284,7 +301,7 @@ def _mesh_faces(data, names, inside):
     `names` has the number of each node; `inside` is the place of the mesh in the file.
     """
     found = {}
-    for name, face in _require_object(data, "face", inside).items():
+    for name, face in _optional_object(data, "face", inside).items():
         where = f"{inside}face[{name!r}]"
         if not isinstance(face, list) or len(face) < 2:
             raise FileError(f"{where}: expected a list of vertices")
@@ -301,7 +318,7 @@ def _mesh_edges(data, faces, names, table):
     `faces` has the node numbers around each face by its name, and `names` the number of each node.
     """
     of_pair = {}
-    for key, given in _require_object(data, "edgedata", "").items():
+    for key, given in _optional_object(data, "edgedata", "").items():
         words = key.replace("(", "").replace(")", "").replace(",", "-").split("-")
         where = f"edgedata[{key!r}]"
         of_pair[frozenset(word.strip(" '\"") for word in words)] = (

@@ -14,7 +14,10 @@ from .reading import FileError
 
 
 def encode_numbers(value: ArrayLike, where: str) -> Any:
-    """Return finite numbers as nested lists; float32 as {"type": "float32", "values": ...}."""
+    """Return numbers as nested lists; float32 as {"type": "float32", "values": nested lists}.
+
+    Raise ValueError, which names the place `where`, for anything but finite numbers and booleans.
+    """
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
         raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
@@ -36,7 +39,10 @@ def decode_float32(data: Mapping[str, Any], where: str) -> np.ndarray | np.gener
 
 
 def decode_numbers(data: Any, where: str) -> np.ndarray:
-    """Return nested lists of finite numbers or booleans as an array; FileError for other data."""
+    """Return nested lists of finite numbers or booleans as an array.
+
+    Raise FileError, which names the place `where`, for lists of unequal lengths and other data.
+    """
     try:
         array = np.array(data)
     except (ValueError, OverflowError):

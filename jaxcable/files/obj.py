@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common.units import UnitsLike
 from . import reading
-from .net_units import scale_in_units, warn_of_extent
+from .net_units import metres_per_drawing_unit, warn_if_implausibly_large
 from .nets import Net
 from .omissions import Omissions
 from .polylines import Polyline, net_from_polylines
@@ -76,7 +76,7 @@ def read_obj(
         [[0, 1], [1, 2]]
     """
     doubtful = scale is None and units is None
-    scale = scale_in_units(units, scale)
+    scale = metres_per_drawing_unit(units, scale)
     scale = 1.0 if scale is None else scale
     if not 0 < scale < np.inf or not 0 <= tolerance < np.inf:
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
@@ -95,7 +95,7 @@ def read_obj(
         groups = net.groups if len(set(net.groups or ())) > 1 else None
         net = dataclasses.replace(net, groups=groups, omissions=table.rows())
     if doubtful:
-        warn_of_extent(net, path)
+        warn_if_implausibly_large(net, path)
     return net
 
 
@@ -138,8 +138,12 @@ def _read_statements(text):
 
 
 def _parse_point(words, table, place):
-    """Return x, y, z of a point; a weight after them is counted as left out, colors are ignored."""
-    numbers = [reading.number(word) for word in words]
+    """Return the coordinates [x, y, z] in the words of a point; ValueError if they are not finite.
+
+    A weight other than 1 after them is added to the omissions `table`; colors are ignored. `place`
+    is the line, for the table.
+    """
+    numbers = [reading.parse_number(word) for word in words]
     if len(numbers) < 3 or not np.isfinite(numbers).all():
         raise ValueError("a point has three finite coordinates")
     if len(numbers) == 4 and numbers[3] != 1.0:
@@ -150,7 +154,10 @@ def _parse_point(words, table, place):
 
 
 def _point_index(word, count):
-    """Return the index from 0 of a point written as "7", "7/1", or "-1" for the last of `count`."""
+    """Return the index, from 0, of a point written as "7", "7/1", or "-1" for the last of `count`.
+
+    Raise ValueError for a number that is none of the `count` points read so far.
+    """
     try:
         number = reading.parse_integer(word.split("/")[0])
     except ValueError:

@@ -42,7 +42,7 @@ class Omission:
 
 
 class Omissions:
-    """Table of what a reader leaves out of a file; counts things of one kind and reason together.
+    """Table of contents of a file that a reader leaves out, counted by kind and reason.
 
     ``with Omissions(path) as table`` issues the warning of `warn` at the end of the block. A
     `FileError` that is raised in the block gets the path before its message.
@@ -93,7 +93,7 @@ class Omissions:
             self.warn()
 
     def warn(self) -> None:
-        """Issue one `InputWarning` that lists what is left out of the file; none if nothing is."""
+        """Issue one `InputWarning` that lists the omissions from the file; none without any."""
         rows = self.rows()
         if rows:
             shown = [f"\n  {row}" for row in rows[:_ROWS]]

@@ -125,7 +125,7 @@ def require_exportable(structure: Structure) -> None:
 
 
 def _force_strain_curves(structure, group, state):
-    """Return what the OpenSees script needs of each active element of a group.
+    """Return the nodes and the force-strain curve of each active element of a group.
 
     Returns:
         A list for each element: first node, last node, strains over the initial chord, and the

@@ -43,7 +43,7 @@ def net_from_polylines(
     table: Omissions,
     word: str,
 ) -> Net:
-    """Make the `Net` of lines between points; its nodes are named by the numbers of points from 1.
+    """Make the `Net` of lines between points; nodes are named after points, numbered from 1.
 
     Points that no line touches, and lines between nodes that are joined already, are left out.
 

@@ -31,8 +31,8 @@ class FileError(ValueError):
     """
 
 
-def number(word: str) -> float:
-    """Parse a number as `float` does, but raise ValueError for underscores and non-ASCII."""
+def parse_number(word: str) -> float:
+    """Return the float in a text, as `float` does, but ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is not a number")
     try:
@@ -42,7 +42,7 @@ def number(word: str) -> float:
 
 
 def parse_integer(word: str) -> int:
-    """Parse a whole number as `int` does, but raise ValueError for underscores and non-ASCII."""
+    """Return the integer in a text, as `int` does, but ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)
@@ -121,7 +121,10 @@ _JSON_FAULTS = {
 
 
 def _describe_json_error(text, error):
-    """Return line and column at which a text is not valid JSON, and what is wrong, in words."""
+    """Return the message on text that is not valid JSON: line, column, and what to mend.
+
+    `error` is the JSONDecodeError of Python.
+    """
     before, after = text[: error.pos].rstrip(), text[error.pos :].lstrip()[:1]
     where = f"line {error.lineno}, column {error.colno}: not valid JSON: "
     if before.endswith(",") and after and after in "}]":
@@ -149,7 +152,7 @@ def _refuse_repeated_keys(pairs):
 
 
 def _parse_json_integer(digits):
-    """Parse a whole number in JSON; raise ValueError for more than 20 digits."""
+    """Return the integer in a text of digits; raise ValueError for more than 20 digits."""
     if len(digits) > 20:
         begin = f"{digits[:12]}...: a whole number of {len(digits)} digits"
         raise ValueError(f"{begin} is too long; at most 20 are allowed")
@@ -157,5 +160,5 @@ def _parse_json_integer(digits):
 
 
 def _refuse_nan_and_infinity(name):
-    """Raise ValueError for NaN and infinities, which JSON does not have."""
+    """Raise ValueError that names the constant: "NaN" and "Infinity" are no valid JSON."""
     raise ValueError(f"{name} is not allowed (look for this word); files hold finite numbers only")

@@ -47,10 +47,10 @@ def save_result(
 ) -> list[Path]:
     """Write a result to files, in the format that the suffix names.
 
-    - ``.npz``: all arrays of `flat`, binary (NumPy), in SI units.
+    - ``.npz``: all arrays of the result by name, binary (NumPy), in SI units.
     - ``.json``: the same arrays as text; numbers that are not finite become null, and floats are
       read back in double precision.
-    - ``.csv``: three result_tables, ``name-nodes.csv``, ``name-elements.csv`` and
+    - ``.csv``: three tables, ``name-nodes.csv``, ``name-elements.csv`` and
       ``name-increments.csv``, with units in their first line.
 
     Args:
@@ -156,7 +156,7 @@ def _read_npz(path, stream, largest):
     try:
         with zipfile.ZipFile(stream) as archive:
             size = sum(item.file_size for item in archive.infolist())
-            size = max(size, sum(_declared_size(archive, name) for name in archive.namelist()))
+            size = max(size, sum(_declared_bytes(archive, name) for name in archive.namelist()))
         if size > largest:
             raise FileError(
                 f"{path}: unpacks to {size / 1e6:.3g} MB, and the limit is {largest / 1e6:.3g} MB; "
@@ -171,8 +171,8 @@ def _read_npz(path, stream, largest):
         raise FileError(f"{path}: not an NPZ file of a result: {error}") from None
 
 
-def _declared_size(archive, name):
-    """Return the size, bytes, that the header of an array in a zip archive declares."""
+def _declared_bytes(archive, name):
+    """Return the size in bytes that the header of an array in an open zip archive declares."""
     with archive.open(name) as stream:
         version = np.lib.format.read_magic(stream)
         headers = {(1, 0): np.lib.format.read_array_header_1_0}
@@ -199,7 +199,7 @@ def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.nda
             if getattr(part, name) is not None:
                 found[prefix + name] = np.asarray(getattr(part, name))
         for name, value in (part.element_results | {"rest_length": part.rest_length}).items():
-            _add_per_group(found, prefix + name, structure, value)
+            _add_group_values(found, prefix + name, structure, value)
     for name in ("phase", "load_factor"):
         found["last." + name] = np.asarray(getattr(solution.last, name))
     for name, group in named_groups_of(structure):
@@ -209,12 +209,15 @@ def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.nda
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
         for name, value in phase.path.element_results.items():
-            _add_per_group(found, f"phase{number}.{name}", structure, value)
+            _add_group_values(found, f"phase{number}.{name}", structure, value)
     return found
 
 
-def _add_per_group(found, name, structure, values):
-    """Add the values of each group to the dict `found`, under ``name`` or ``name.group``."""
+def _add_group_values(found, name, structure, values):
+    """Add element values to the dict `found`: under `name`, or ``name.group`` for named groups.
+
+    `values` has an array, or None, for each group of the structure, in the shape of its elements.
+    """
     groups = [group for group, _ in named_groups_of(structure)]
     for group, value in zip(groups, values_per_group(structure, values), strict=True):
         if value is not None:
@@ -307,12 +310,12 @@ def format_csv(rows: Iterable[Iterable[Any]]) -> str:
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([_without_formula(cell) for cell in row] for row in rows)
+    writer.writerows([_escape_formula(cell) for cell in row] for row in rows)
     return text.getvalue()
 
 
-def _without_formula(cell):
-    """Return a cell; a text that begins as a formula with an apostrophe before it."""
+def _escape_formula(cell):
+    """Return a cell of a table; a text that begins like a formula gets an apostrophe before it."""
     if not isinstance(cell, str) or len(cell) < 2 or not cell.startswith(_FORMULA_BEGINS):
         return cell
     try:

@@ -153,14 +153,14 @@ def save_scene(
     if actions:
         data["actions"] = [encode(x, f"actions[{k}]", Action) for k, x in enumerate(actions)]
     if standard is not None:
-        data["combinations"] = _checked_rules(standard, actions)
+        data["combinations"] = _check_combinations(standard, actions)
     if checks:
         require_checks(checks, structure, "checks")
         data["checks"] = [encode(x, f"checks[{k}]") for k, x in enumerate(checks)]
     # after `encode`, which says what a file cannot hold: what is written can be read
     _require_analysable(structure, phases)
     for k, action in enumerate(actions):
-        _require_analysable_with(action, f"actions[{k}]", structure, phases)
+        _require_analysable_after(action, f"actions[{k}]", structure, phases)
     if stated is not None:
         convert = SceneConverter(stated, to_si=False)
         data["structure"] = convert(data["structure"], "structure", Structure)
@@ -259,9 +259,10 @@ def _stated_units(data):
 
 
 def _decode_parts(data, convert):
-    """Return the `Scene` of the data in a file, whose numbers `convert` makes SI.
+    """Return the `Scene` of the JSON data of a file, with numbers converted to SI by `convert`.
 
-    Its arguments are those of a `SceneConverter`. Raise ValueError for what cannot be analysed.
+    `convert` is a `SceneConverter`, or a function of the same arguments that returns the data
+    unchanged. Raise ValueError for a scene that cannot be analysed.
     """
     part = convert(data["structure"], "structure", Structure)
     structure = decode(part, "structure", Structure)
@@ -284,16 +285,16 @@ def _decode_parts(data, convert):
     actions = _decode_actions(data.get("actions"), structure, phases, convert)
     scene = scene.with_actions(actions) if actions else scene
     if data.get("combinations") is not None:
-        scene = scene.with_combination_rules(_checked_rules(data["combinations"], actions))
+        scene = scene.with_combination_rules(_check_combinations(data["combinations"], actions))
     if data.get("checks") not in (None, []):
         scene = scene.with_checks(_decode_checks(data["checks"], structure, convert))
     return scene
 
 
-def _checked_rules(rules, actions):
-    """Return the name of a standard of combinations, or rules as a dict; ValueError for others.
+def _check_combinations(rules, actions):
+    """Return the name of a standard of combinations, or a user's rules as a dict, after checks.
 
-    Raise it without actions, too.
+    Raise ValueError for unknown names or wrong rules, and if there are no `actions` to combine.
     """
     if isinstance(rules, Mapping):
         with prefix_errors("combinations: "):
@@ -307,7 +308,10 @@ def _checked_rules(rules, actions):
 
 
 def _decode_checks(data, structure, convert):
-    """Return the checks in a file, a list of `Check` and of names of standards."""
+    """Return the checks in the data of a file, a list of `Check` and of names of standards.
+
+    `convert` is as of `_decode_parts`. Raise ValueError for checks that do not fit the structure.
+    """
     checks = []
     for k, own in enumerate(data if isinstance(data, list) else [data]):
         checks.append(decode(convert(own, f"checks[{k}]"), f"checks[{k}]"))
@@ -316,7 +320,11 @@ def _decode_checks(data, structure, convert):
 
 
 def _decode_actions(data, structure, phases, convert):
-    """Return the actions in a file, a list of `Action`; ValueError for what cannot act."""
+    """Return the actions in the data of a file, a list of `Action`; [] for None.
+
+    `convert` is as of `_decode_parts`. Raise ValueError for an action that cannot follow the
+    phases.
+    """
     if data is None:
         return []
     if not isinstance(data, list):
@@ -328,7 +336,7 @@ def _decode_actions(data, structure, phases, convert):
             raise FileError(f"{where}: expected an object, got {_abbreviate(own)}")
         action = decode(convert(own, where, Action, structure), where, Action)
         actions.append(action)
-        _require_analysable_with(action, where, structure, phases)
+        _require_analysable_after(action, where, structure, phases)
     return check_actions(actions) if actions else []
 
 
@@ -344,7 +352,7 @@ def _require_phase_names(names, count):
 
 
 def _require_analysable(structure, phases):
-    """Raise ValueError, which names the phase, for phases that no analysis of a structure takes."""
+    """Raise ValueError, which names the phase, if `prepare` refuses a structure with phases."""
     try:
         with without_warnings():  # the analysis gives warnings, files do not
             prepare(structure, phases, None, None)
@@ -353,8 +361,11 @@ def _require_analysable(structure, phases):
         raise ValueError(f"{'' if named else 'phases: '}{error}") from None
 
 
-def _require_analysable_with(action, where, structure, phases):
-    """Raise ValueError, which begins with `where`, for an action that cannot follow the phases."""
+def _require_analysable_after(action, where, structure, phases):
+    """Raise ValueError, which begins with `where`, for an action that cannot follow the phases.
+
+    It is analysed as one more phase after them.
+    """
     names = ("loads", "temperature", "shortening", "removes")
     after = [*phases, Phase(**{name: getattr(action, name) for name in names})]
     try:
@@ -374,7 +385,7 @@ _PARTS = (
 
 
 def _describe_unexpected(data, name, expected):
-    """Return the message on the field `name` of a file that is missing, null or of a wrong kind."""
+    """Return the message on the field `name` of `data` that is missing, null or of a wrong kind."""
     if name not in data:
         return f"{name}: missing; expected {expected}"
     if data[name] is None:

@@ -19,7 +19,7 @@ from ..design.actions import Action
 from ..elements.abilities import STATEMENTS, components_of, statements_of
 from ..model.structure import Structure, is_group
 from . import codec
-from .field_docs import OF_STATEMENT, field_units, holds_numbers
+from .field_docs import OF_STATEMENT, field_units, may_have_unit
 from .reading import FileError
 
 _CONTAINERS = {"float32": "values", "list": "items", "tuple": "items"}
@@ -52,23 +52,24 @@ class SceneConverter:
             cls: its class, unless the data name it.
             structure: for a `Phase` or an `Action`, which state changes of elements.
         """
-        found = self._object(data, where, cls, 0)
+        found = self._convert_object(data, where, cls, 0)
         if structure is None or not isinstance(data, dict):
             return found
         for name in STATEMENTS.keys() & data.keys():
-            found[name] = self._statement(name, data[name], f"{where}.{name}", structure)
+            found[name] = self._convert_statement(name, data[name], f"{where}.{name}", structure)
         if isinstance(own := data.get("own"), dict):
             places = {name: f"{where}.own[{name!r}]" for name in own}
             found["own"] = {
-                name: self._statement(name, value, places[name], structure)
+                name: self._convert_statement(name, value, places[name], structure)
                 for name, value in own.items()
             }
         return found
 
-    def _factor(self, unit, where):
-        """Return the factor that numbers of an SI unit are multiplied by; None if it is 1.
+    def _conversion_factor(self, unit, where):
+        """Return the exact factor of the conversion for numbers in an SI unit; None if it is 1.
 
-        Raise UnitError for quantities whose unit the file has to state, and does not.
+        Raise UnitError, which names the place `where`, for quantities whose unit the file has to
+        state (masses, temperatures), and does not.
         """
         try:
             powers = dimensions(unit)
@@ -87,10 +88,11 @@ class SceneConverter:
         factor = units.factor(unit)
         return None if factor == 1 else factor if self.to_si else 1 / factor
 
-    def _object(self, data, where, implied, depth):
+    def _convert_object(self, data, where, implied, depth):
         """Return the data of an object of a class in `TYPES` with converted numbers.
 
-        Unknown classes and fields stay as they are: reading refuses them.
+        `implied` is its class unless the data name it, `where` its place in the scene and `depth`
+        the level of nesting. Unknown classes and fields stay as they are: reading refuses them.
         """
         name = data.get("type") if isinstance(data, dict) else None
         cls = codec.TYPES.get(name) if isinstance(name, str) else implied
@@ -103,7 +105,7 @@ class SceneConverter:
             if key not in kinds or (cls in (Phase, Action) and (key in STATEMENTS or key == "own")):
                 continue
             place, unit = f"{where}.{key}", units.get(key)
-            if unit is None and holds_numbers(cls, key, kinds[key]) and _has_numbers(value):
+            if unit is None and may_have_unit(cls, key, kinds[key]) and _has_numbers(value):
                 raise UnitError(
                     f"{place}: the docstring of {cls.__name__} does not state the unit of {key}, "
                     "so that numbers in other units than SI cannot be read or written; add it, "
@@ -111,15 +113,16 @@ class SceneConverter:
                 )
             if unit != OF_STATEMENT:
                 implied = codec.IMPLIED_CLASSES.get(key)
-                found[key] = self._value(value, unit, place, implied, depth + 1)
+                found[key] = self._convert(value, unit, place, implied, depth + 1)
         return found
 
-    def _value(self, data, unit, where, implied=None, depth=0):
-        """Return a value with converted numbers, whose SI unit is `unit`; None for no unit.
+    def _convert(self, data, unit, where, implied=None, depth=0):
+        """Return the data of a field with converted numbers, in the SI unit `unit` (None: no unit).
 
-        Objects in it have units of their own, but for those that hold the values of a statement.
+        Objects in the data have units of their own, except `Only`, which holds numbers in this
+        unit. `where`, `implied` and `depth` are as of `_convert_object`.
         """
-        factor = None if unit is None or data is None else self._factor(unit, where)
+        factor = None if unit is None or data is None else self._conversion_factor(unit, where)
 
         def convert(value, place, level):
             if level > codec.MOST_LEVELS:
@@ -132,7 +135,7 @@ class SceneConverter:
             if isinstance(name, str) and name in _CONTAINERS and implied is None:
                 found, inner = dict(value), _CONTAINERS[name]
             elif isinstance(name, str) or implied is not None:
-                found, inner = self._object(value, place, implied, level), "values"
+                found, inner = self._convert_object(value, place, implied, level), "values"
                 if name != "Only" or factor is None:
                     return found
             else:
@@ -143,8 +146,13 @@ class SceneConverter:
 
         return convert(data, where, depth)
 
-    def _statement(self, name, data, where, structure):
-        """Return what a phase states in the field `name` with converted numbers."""
+    def _convert_statement(self, name, data, where, structure):
+        """Return what a phase states of elements in the field `name`, with converted numbers.
+
+        The unit is that of the statement of each group of the structure. Raise UnitError where
+        groups take it in different units and `data` do not tell groups apart; `where` is the place
+        in the scene.
+        """
         taken = [statements_of(group).get(name) for group in structure.groups]
         units = {statement.unit for statement in taken if statement is not None}
         several = [g for g in structure.groups if name in STATEMENTS and components_of(g, name)]
@@ -154,14 +162,14 @@ class SceneConverter:
                 "is not known; files with these are in SI only"
             )
         if name in STATEMENTS or len(units) == 1:  # one that no group takes an analysis refuses
-            return self._value(data, units.pop() if units else STATEMENTS[name].unit, where)
+            return self._convert(data, units.pop() if units else STATEMENTS[name].unit, where)
 
         def convert(value, elements, place):
             if value is None or elements is None:
                 return value
             if is_group(elements):
                 statement = statements_of(elements).get(name)
-                return value if statement is None else self._value(value, statement.unit, place)
+                return value if statement is None else self._convert(value, statement.unit, place)
             if isinstance(value, dict) and value.get("type") in ("list", "tuple"):
                 return {**value, "items": convert(value.get("items"), elements, place)}
             parts = elements if isinstance(elements, dict) else dict(enumerate(elements))
@@ -178,7 +186,7 @@ class SceneConverter:
 
 
 def _has_numbers(value):
-    """Return whether a value is a number, or has some in lists; true and false are none."""
+    """Return whether plain data are a number or contain one in lists; true and false are none."""
     if isinstance(value, dict):
         return any(_has_numbers(value.get(key)) for key in ("values", "items"))
     if isinstance(value, list):

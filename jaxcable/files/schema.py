@@ -5,7 +5,7 @@ their docstrings what they mean (`field_docs`), and the rules of their numbers w
 field whose description has "set by" is not offered to persons. What no class states is in
 `schema_parts.json` beside this module: the frame of a scene, the definitions that fields share, and
 by class the fields that need or exclude each other. `_computed_parts` says what texts such as
-"=names Element" stand for in it, and `_expand` what ``has``, ``lacks`` and ``list of`` mean.
+"=names Element" stand for in it, and `_expand_part` what ``has``, ``lacks`` and ``list of`` mean.
 `scene.schema.json` is the schema as text: ``python -m jaxcable schema --save
 jaxcable/files/scene.schema.json`` writes it.
 """
@@ -67,19 +67,19 @@ def scene_schema() -> dict[str, Any]:
     arrays: dict[str, Schema] = {}
     classes = {name: _class_schema(cls, arrays) for name, cls in TYPES.items()}
     stand_for = _computed_parts()
-    shared = _expand(_parts()["definitions"], stand_for)
+    shared = _expand_part(_file_parts()["definitions"], stand_for)
     definitions = {**classes, **shared, **dict(sorted(arrays.items()))}
-    return {**_expand(_parts()["scene"], stand_for), "$defs": definitions}
+    return {**_expand_part(_file_parts()["scene"], stand_for), "$defs": definitions}
 
 
 @functools.cache
-def _parts():
-    """Return the parts of the schema that no class states, a dict."""
+def _file_parts():
+    """Return the parts of the schema that no class states, `schema_parts.json`, as a dict."""
     return json.loads((resources.files(__package__) / "schema_parts.json").read_text("utf-8"))
 
 
 def _computed_parts():
-    """Return the parts that texts such as "=names Element" stand for, by this text."""
+    """Return by text, such as "=names Element", the part of the schema that it stands for."""
     bases = {"group": Element, "load": Load, "law": Law, "check": Check}
     bases["wind_profile"] = WindProfile
     return {
@@ -95,7 +95,7 @@ def _computed_parts():
     }
 
 
-def _expand(part, computed):
+def _expand_part(part, computed):
     """Return a part of the schema with `computed` parts in place, and these words expanded.
 
     - ``{"has": field}``: objects with this field, and not null in it.
@@ -108,10 +108,10 @@ def _expand(part, computed):
     if isinstance(part, str):
         return computed.get(part, part)
     if isinstance(part, list):
-        return [_expand(item, computed) for item in part]
+        return [_expand_part(item, computed) for item in part]
     if not isinstance(part, dict):
         return part
-    part = {key: _expand(value, computed) for key, value in part.items()}
+    part = {key: _expand_part(value, computed) for key, value in part.items()}
     if "has" in part:
         given = {"not": {"type": "null"}, "doNotSuggest": True}
         return {"required": [part["has"]], "properties": {part["has"]: given}}
@@ -133,9 +133,9 @@ def _expand(part, computed):
 def _class_schema(cls, arrays):
     """Return the schema of the objects of a class, with the summary of the class at "type".
 
-    Schemas of arrays are added to `arrays`, definitions of the whole schema.
+    Schemas of arrays are added to `arrays`, definitions of the whole schema by name.
     """
-    name, bounds, parts = cls.__name__, _number_bounds(cls), _parts()
+    name, bounds, parts = cls.__name__, _number_bounds(cls), _file_parts()
     descriptions = field_descriptions(cls, {**TYPES, "Check": Check})
     fields = {
         field.name: _field_schema(cls, field, descriptions, bounds, arrays)
@@ -161,7 +161,7 @@ def _class_schema(cls, arrays):
             },
             (["type"] if named else []) + needs,
         ),
-        **({"allOf": _expand(rules, {})} if rules else {}),
+        **({"allOf": _expand_part(rules, {})} if rules else {}),
         **({"examples": shown} if shown else {}),
     }
 
@@ -193,7 +193,7 @@ def _field_schema(cls, field, descriptions, bounds, arrays):
     if field.default is None and field.name in getattr(cls, "_static_fields", ()):
         annotation += "" if "None" in annotation else " | None"
     text = descriptions.get(field.name) or f"of the {cls.__name__}"
-    text += "".join(more for begin, more in _parts()["by_group"].items() if begin in annotation)
+    text += "".join(more for key, more in _file_parts()["by_group"].items() if key in annotation)
     about: Schema = {"description": text}
     if isinstance(field.default, bool | int | str):
         about["default"] = field.default
@@ -205,7 +205,7 @@ def _field_schema(cls, field, descriptions, bounds, arrays):
         if annotation.startswith(words):
             other = ["LinearSection"] if "LinearSection" in annotation else []
             about["defaultSnippets"] = editor_snippets([*_subclass_names(base), *other])
-    bound = _parts()["bounds"].get(f"{cls.__name__}.{field.name}", bounds.get(field.name))
+    bound = _file_parts()["bounds"].get(f"{cls.__name__}.{field.name}", bounds.get(field.name))
     return {**about, **value_schema(annotation, TYPES, arrays, bound, issubclass(cls, Element))}
 
 

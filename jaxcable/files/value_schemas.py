@@ -56,7 +56,7 @@ _MIXED = {  # alternatives that have one definition together
 
 
 def reference(name: str) -> Schema:
-    """Return the schema that refers to the definition of this name."""
+    """Return the schema {"$ref": ...} that refers to the shared definition of this name."""
     return {"$ref": f"#/$defs/{name}"}
 
 
@@ -101,9 +101,13 @@ def value_schema(
 
 
 def _plain_schema(word, classes, bound, null):
-    """Return the schema of one alternative of an annotation that is no array; {} if unknown.
+    """Return the schema of one alternative of an annotation that is no array; {} if it is unknown.
 
-    Null is allowed, too, if `null` is ["null"]; other arguments are those of `value_schema`.
+    Args:
+        word: the alternative as text, such as "bool" or "Law".
+        classes: names of classes whose objects have a definition of their own.
+        bound: bound of integers, as ``{"minimum": 0}``, or None.
+        null: ["null"] if null is allowed, too, else [].
     """
     if word in _PLAIN:
         plain = {**_PLAIN[word], **((bound if word == "int" else None) or {})}

@@ -88,9 +88,10 @@ def save_vtk(
 
 
 def _write_increments(path, structure, solution, open_file, units):
-    """Write one file, opened by `open_file`, for each converged increment; return their paths.
+    """Write one VTK file for each converged increment of all phases; return their paths.
 
-    Numbers are in `units`, None for SI.
+    `path` names the series, `open_file` is the function that `atomic_write_together` yields, and
+    numbers are in `units`, None for SI.
     """
     done, nodes = [], np.asarray(solution.last.positions - solution.last.displacement)
     for phase in solution.phases:
@@ -149,17 +150,17 @@ def _write_unstructured_grid(stream, structure, points, vectors, scalars, units)
 
 
 def _array_name(column, units):
-    """Return the name of the array of a `ResultColumn`, with its unit if `units` is not None."""
+    """Return the name of the array of a `ResultColumn`, with its unit unless `units` is None."""
     unit = "" if units is None or column.unit in ("", "-") else f"_({units.shown(column.unit)})"
     return (column.label + unit).replace(" ", "_")
 
 
 def _collect_cells(groups):
-    """Return the cells that draw the elements: lines first, then faces.
+    """Return the VTK cells of all elements: lines first, then faces.
 
     Returns:
-        Node numbers of each cell, a list; the element of each, counted through all groups, and the
-        index of its group, [n_cell].
+        Node numbers of each cell, a list of lists; the index of its element, counted through all
+        groups, and the index of its group, [n_cell] each.
     """
     ends, element, owner = straight_pieces(groups)
     corners, of_face, group = element_faces(groups)

@@ -22,8 +22,11 @@ def warn_of_coarse_coordinates(
 ) -> Iterator[str]:
     """Warn if coordinates, such as those of maps, are too large for single precision.
 
+    That is so if their resolution in float32 exceeds 1e-4 of the shortest element. Nothing in
+    double precision.
+
     Args:
-        nodes: initial positions as they were given, [n_node, 3], NumPy.
+        nodes: initial positions as they were given, [n_node, 3], m, NumPy.
         named: pairs of (key in the elements as text, group).
     """
     dtype = np.dtype(jax.dtypes.canonicalize_dtype(nodes.dtype))

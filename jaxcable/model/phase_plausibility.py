@@ -246,7 +246,13 @@ def warn_of_free_ends(
 def warn_if_all_nodes_held(
     number: int, fixed: FixedDofs, groups: Sequence[Element]
 ) -> Iterator[str]:
-    """Warn if supports hold every node of a phase, unless elements can still deform under load."""
+    """Warn if supports hold every node of a phase, unless elements can still deform under load.
+
+    Args:
+        number: index of the phase, from 0.
+        fixed: True where a degree of freedom is held, [n_row, 3 or 6].
+        groups: element groups of the structure.
+    """
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
             f"phases[{number}].supports: every node is held, so that nothing can move; give "
@@ -260,10 +266,14 @@ def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None
 
 
 def _describe_unlikely_strain(label, value, strain, hint, stiffness=None):
-    """Yield a message about the first element whose strain no cable bears, or nothing.
+    """Yield a message about the first element whose strain no cable bears (above 0.15), or nothing.
 
-    `value` [n_elem] is the input that makes the strain [n_elem], `hint` ends the message, which
-    mentions the `stiffness` EA [n_elem], N, if given.
+    Args:
+        label: how a user writes the input, such as ``phases[0].pretension``.
+        value: the input that makes the strain, [n_elem].
+        strain: [n_elem], without unit; NaN for elements that it does not concern.
+        hint: end of the message.
+        stiffness: EA, [n_elem], N, which the message mentions; or None.
     """
     wrong = (np.abs(strain) > MAX_STATED_STRAIN) & np.isfinite(strain)
     text = ""

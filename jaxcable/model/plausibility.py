@@ -53,7 +53,10 @@ NamedGroups: TypeAlias = Sequence[tuple[str, Element]]
 
 
 def issues_warnings(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
-    """Decorate a generator of messages: the function issues each of them as `InputWarning`."""
+    """Decorate a generator of messages: the function issues each of them as `InputWarning`.
+
+    It returns None and takes positional arguments only.
+    """
 
     @functools.wraps(judge)
     def warn(*args):
@@ -87,9 +90,10 @@ def warn_if_unstable(solution: Any) -> None:
 
 
 def largest_movement(solution: Any) -> tuple[int, float, float]:
-    """Return the node of a `Solution` that has moved farthest, how far, and the extent, m.
+    """Return (node, distance, extent) for the node of a `Solution` that has moved farthest.
 
-    The extent is the largest side of the bounding box of the nodes before.
+    The extent is the largest side of the bounding box of the nodes before they moved. Distances are
+    in m; the node is 0 if no number is finite.
     """
     moved, now = map(np.asarray, (solution.displacement, solution.positions))
     sizes = np.linalg.norm(moved, axis=1)
@@ -101,7 +105,8 @@ def largest_movement(solution: Any) -> tuple[int, float, float]:
 def warn_of_collapse(solution: Any, jacked: bool) -> Iterator[str]:
     """Warn of a node that has moved by the extent of the structure, unless numbers are traced.
 
-    Without forces that are `jacked` it is half as much again: rods are bent into circles.
+    `jacked` says whether prescribed forces (jacks) draw nodes together; without, the limit is 1.5
+    times the extent, because slender rods may be bent into circles.
     """
     if any(isinstance(x, jax.core.Tracer) for x in (solution.status, solution.positions)):
         return
@@ -131,7 +136,8 @@ def warn_of_degrees(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterato
     """Warn of rotation vectors longer than pi, which are most likely in degrees.
 
     No support of a structure turns so far in a phase, and no rotation vector needs to be longer:
-    one of the opposite direction leads to the same orientation.
+    one of the opposite direction leads to the same orientation. `name` is the argument, for the
+    message, and `rotations` are in rad.
     """
     angle = np.sqrt(np.sum(np.square(rotations), axis=-1)).reshape(-1)
     wrong = angle > np.pi
@@ -198,7 +204,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
             f"weight in N/m, and the area in m2? {STATE_UNITS}"
         )
         yield from describe_first_wrong(f"elements{where}.weight", weight, light, text)
-    yield from _describe_stiffness(group, where, weight if area is None else None)
+    yield from _describe_unlikely_stiffness(group, where, weight if area is None else None)
     if group.rotates and isinstance(group.section, LinearSection):
         yield from _describe_thick_section(f"elements{where}.section", group.section, nodes)
     elif group.rotates and group.section is not None:
@@ -229,10 +235,11 @@ def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
             yield from _describe_zero_bending(f"elements{where}.section", group.section, plane)
 
 
-def _describe_stiffness(group, where, weight):
-    """Yield messages on a stiffness that no material has: its modulus, or EA over its weight.
+def _describe_unlikely_stiffness(group, where, weight):
+    """Yield messages on a stiffness that no material has, by its modulus, or by EA over the weight.
 
-    `weight` is that of groups without an area, or None.
+    `where` is the key of the group in the elements, as text; `weight`, [n_elem], N/m, is that of a
+    group without an area, else None.
     """
     stiffness = array_or_none(group.linear_axial_stiffness())
     if weight is not None and stiffness is not None and weight.shape == stiffness.shape:
@@ -260,12 +267,12 @@ def _describe_stiffness(group, where, weight):
 
 
 def array_or_none(value):
-    """Return `value` as NumPy array; None if it is None or being traced."""
+    """Return `value` as a NumPy array; None if it is None or being traced by jax."""
     return checks.array_if_known(value)
 
 
 def drawn_or_given_lengths(group: Element, nodes: Positions) -> Float[np.ndarray, " n_elem"]:
-    """Return the unstressed length of every element, else that over its nodes, [n_elem], m."""
+    """Return the unstressed lengths given for a group, else those over its nodes, [n_elem], m."""
     given = array_or_none(group.rest_length)
     if given is None:
         return lengths_over_nodes(group, nodes)
@@ -273,12 +280,18 @@ def drawn_or_given_lengths(group: Element, nodes: Positions) -> Float[np.ndarray
 
 
 def lengths_over_nodes(group, nodes):
-    """Return the initial length of every element, summed from node to node, [n_elem], m, NumPy."""
+    """Return the initial length of each element, the sum from node to node, [n_elem], m, NumPy.
+
+    `nodes` are initial positions, [n_node, 3], m.
+    """
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
 
 
 def _describe_thick_section(label, section, nodes):
-    """Yield a message if the radius of gyration of a `LinearSection` exceeds the structure."""
+    """Yield a message if the radius of gyration of a `LinearSection` exceeds the structure's size.
+
+    `label` is how a user writes the section; `nodes` are initial positions, [n_node, 3], m.
+    """
     known = [array_or_none(v) for v in (section.EA, section.EIy, section.EIz)]
     if all(v is not None for v in known):
         radius = float(np.sqrt(max(known[1:]) / known[0]))
@@ -290,7 +303,11 @@ def _describe_thick_section(label, section, nodes):
 
 
 def _describe_axis_off_centroid(label, section):
-    """Yield a message if a beam's axis lies off its section's centroid, unless that is meant."""
+    """Yield a message if a beam's axis, the origin of its section, lies off the section's centroid.
+
+    Nothing for a section whose eccentricity is meant (``placed``), or with traced numbers. `label`
+    is how a user writes it.
+    """
     if section.placed:
         return
     if any(array_or_none(leaf) is None for leaf in jax.tree.leaves(section)):
@@ -306,9 +323,10 @@ def _describe_axis_off_centroid(label, section):
 
 
 def _describe_zero_bending(label, section, plane):
-    """Yield a message if a section has no bending stiffness, or nothing.
+    """Yield a message if a section has no bending stiffness about an axis, or nothing.
 
     With `plane`, the structure is plane, and only a section without any bending stiffness counts.
+    `label` is how a user writes it.
     """
     moduli = [array_or_none(law.modulus) for law in section.laws]
     if any(part is None for part in (*moduli, *map(array_or_none, jax.tree.leaves(section)))):
@@ -337,7 +355,13 @@ def _describe_zero_bending(label, section, plane):
 
 
 def describe_unlikely_length(label, rest, chord):
-    """Yield a message if an unstressed length is far from the distance of its nodes, or nothing."""
+    """Yield a message if an unstressed length and the distance of its nodes differ 100 times.
+
+    Args:
+        label: how a user writes the lengths, for the message.
+        rest: unstressed lengths, [n_elem], m.
+        chord: lengths over the nodes, [n_elem], m.
+    """
     wrong = (rest > MAX_LENGTH_RATIO * chord) | (rest * MAX_LENGTH_RATIO < chord)
     texts = [
         f"its nodes are {length:.3g} m apart; is the length in m?" for length in chord[wrong][:1]

@@ -26,7 +26,10 @@ from .topology import GroupTopology, nodes_with_elements
 
 
 def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
-    """Return pairs (name, element group): keys in the elements as names, "" of a single group."""
+    """Return pairs (name, element group) in pytree order: keys of the elements joined by ".".
+
+    The name of a single group is "".
+    """
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
     return [(keystr(path), group) for path, group in leaves]
@@ -40,9 +43,10 @@ def path_of_group(structure: Structure, k: int) -> str:
 def values_per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Return results in the shape of ``structure.elements`` as a list of arrays, or None.
+    """Return results in the shape of ``structure.elements`` as a list with an item per group.
 
-    They are arrays of NumPy unless they are traced.
+    Items are arrays [n_elem, ...], of NumPy unless they are traced, or None for a group without
+    this result.
     """
     return [
         None if value is None else as_numpy_if_known(value)
@@ -87,7 +91,7 @@ def active_nodes(
 def loose_nodes(
     structure: Structure, state: Any, fixed: Bool[np.ndarray, "n_node n_freedom"]
 ) -> Bool[np.ndarray, " n_node"]:
-    """Return which nodes only slack elements hold, [n_node] bool: these have no definite place.
+    """Return which nodes are attached to slack elements only, [n_node] bool: no definite position.
 
     Slack are cables without tension, and open contacts and bearings. Nodes that supports hold, and
     inactive ones, do not count.
@@ -95,7 +99,7 @@ def loose_nodes(
     Args:
         structure: `Structure`.
         state: `State`, `PhaseResult` or `Solution` with its results.
-        fixed: degrees of freedom that supports fix in this state.
+        fixed: degrees of freedom that supports fix in this state, [n_node, 3 or 6].
     """
     present = present_elements(structure, state.present)
     tensions = values_per_group(structure, state.tension)
@@ -177,7 +181,10 @@ def result_columns(
 
 
 def _split_by_place_and_component(result, values):
-    """Split a group's result [n_elem, ...] into arrays [n_elem], a dict by (place, component)."""
+    """Split a group's result [n_elem, ...] into a dict of arrays [n_elem] by (place, component).
+
+    `result` describes it: names of places and components, "" where there is only one.
+    """
     components = result.components or ("",)
     count = math.prod(values.shape[1:]) // len(components)
     one = values.ndim == 1 + bool(result.components)

@@ -77,7 +77,12 @@ def find_free_spins(
 
 
 def _torsion_chains(structure):
-    """Iterate over chains of beams that transmit torsion: nodes [k, 2], rows that rotate."""
+    """Generate the chains of beams of a structure that transmit torsion to each other.
+
+    For each chain: nodes of its beams, [k, 2], and the rows of motion (nodes, hinged ends) that
+    rotate with it, a list. Chains with elastic hinges are left out: their rotation would be part of
+    the spin.
+    """
     _, groups = structure.motion_rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []
@@ -113,7 +118,10 @@ def _torsion_chains(structure):
 
 
 def _common_line(nodes, members):
-    """Return (direction, two nodes) of the line that beams [k, 2] lie on; None if there is none."""
+    """Return (direction, (node, node)) of the line that all beams lie on; None if there is none.
+
+    `nodes` are positions, [n_node, 3], m, and `members` the nodes of the beams, [k, 2].
+    """
     places = nodes[members]
     first, second = members[0]
     along = nodes[second] - nodes[first]
@@ -129,7 +137,12 @@ def _common_line(nodes, members):
 def _is_spin_held(structure, nodes, turning, line, fixed, axes):
     """Return whether a support, another element or a rigid link keeps beams from spinning.
 
-    `turning` are their rows of motion, `line` their direction and two nodes on it.
+    Args:
+        structure: `Structure`.
+        nodes: positions, [n_node, 3], m.
+        turning: rows of motion that rotate with the beams.
+        line: direction of the beams and two nodes on it, as of `_common_line`.
+        fixed, axes: as of `find_free_spins`.
     """
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
@@ -161,7 +174,7 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
 
 
 def describe_free_spins(structure: Any, fixed: Any) -> Iterator[tuple[str, str]]:
-    """Iterate over lines of beams that can rotate freely: which, and what holds them, in words.
+    """Generate pairs of sentences for each line of beams that can spin: which one, and the remedy.
 
     Arguments as of `warn_of_free_spins`.
     """
@@ -191,7 +204,10 @@ def describe_free_spins(structure: Any, fixed: Any) -> Iterator[tuple[str, str]]
 
 
 def _restraint_in_scene_file(along):
-    """Return the text of a scene file's fields that hold the rotation about a direction [3]."""
+    """Return the fields "held" and "axes" of a scene file that hold the rotation about a direction.
+
+    `along` is its unit vector, [3].
+    """
     held, axes = [False] * 6, ""
     if np.abs(along).max() == 1.0:
         held[3 + int(np.abs(along).argmax())] = True

@@ -38,10 +38,10 @@ def is_group(x: object) -> bool:
 
 
 def position_rules(nodes, group, where=""):
-    """Return the checks (`Rule`) of a group that depend on node positions [n_node, 3].
+    """Return the rules (`Rule`) of a group at node positions [n_node, 3], m, a list.
 
     Nodes of an element must not coincide, and elements may have rules of their own. `where` begins
-    the messages.
+    the messages: "elements['net'].".
     """
     links = index_array(group.links)
 
@@ -142,7 +142,7 @@ class Structure:
             warn_of_spins(self, fixed)
 
     def _check_result_names(self):
-        """Raise ValueError for names of results that nodes, or groups with other units, have."""
+        """Raise ValueError for reserved names of results, or other units of one name in groups."""
         every = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES
         known = {result.name: result for result in every}
         for where, group in self.named_groups():
@@ -156,7 +156,7 @@ class Structure:
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
     def _check_rigid_links(self):
-        """Raise ValueError for pairs of nodes in `rigid` that cannot be rigid links."""
+        """Make the field `rigid` `Indices`; ValueError for pairs that cannot be rigid links."""
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):
@@ -200,7 +200,7 @@ class Structure:
         return self.nodes.shape[0]
 
     def arrange(self, per_group: Sequence[Any]) -> PyTree[Any]:
-        """Put a list with one item per group into the shape of `elements`."""
+        """Put a list with one item per group, in pytree order, into the shape of `elements`."""
         return self.group_tree.unflatten(per_group)
 
     @property
@@ -220,7 +220,7 @@ class Structure:
         return nodes_with_elements(self.groups, self.n_node)
 
     def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Return which nodes rotate with a beam: one of its ends has no hinge there, [n_node]."""
+        """Return which nodes a beam end is joined to rigidly (without a hinge), [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
@@ -288,11 +288,14 @@ class Structure:
 
     @computed_once
     def _fixed_by_own_supports(self):
-        """Return `fixed` for the structure's own supports, computed once."""
+        """Return `fixed` of the structure's own supports, a `FixedDofs`, computed once."""
         return self._find_fixed_dofs(self.supports)
 
     def _find_fixed_dofs(self, supports):
-        """Compute `fixed` for `supports`, a `FixedDofs`."""
+        """Return `fixed` for `supports`, a `FixedDofs`; ValueError if they do not suffice.
+
+        So it is for a part without support, and rotations or nodes that supports cannot hold.
+        """
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
             raise ValueError(
@@ -382,7 +385,10 @@ class Structure:
 
 @functools.lru_cache(maxsize=16)
 def _connected_parts(links, n_node):
-    """Return the index of the connected part of each node, [n_node], by the links of all groups."""
+    """Return the index of the connected part of each node, [n_node]; that of node 0 is 0.
+
+    `links` are `Indices` [n, n_end] of all groups.
+    """
     pairs = [
         np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])
         for group_links in links

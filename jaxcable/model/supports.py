@@ -37,7 +37,7 @@ class FixedDofs(Indices):
         self.spins = spins
 
     def _identity(self):
-        """Return the tuple that equality and hash compare."""
+        """Return what equality and hash compare, a tuple: digest of the array, axes and spins."""
         return self._digest, self.axes, self.spins
 
     def __hash__(self):
@@ -119,7 +119,10 @@ class Supports:
             set_fields(self, mask=Indices(mask))
 
     def _check_restrained_nodes(self):
-        """Check that `chosen`, `held` and `axes` have matching shapes; set default axes x, y, z."""
+        """Check that `chosen`, `held` and `axes` have matching shapes; set default axes x, y, z.
+
+        Raises ValueError otherwise, or if `chosen` or `held` is missing.
+        """
         if self.chosen is None and self.held is None and self.axes is None:
             return
         for name in ("chosen", "held"):
@@ -172,7 +175,10 @@ class Supports:
         return fixed
 
     def _fixed_along_axes(self, n_node):
-        """Return what `mask`, `nodes`, `clamps` hold along and about x, y, z, [n_node, 6] bool."""
+        """Return degrees of freedom along and about x, y, z that are held, [n_node, 6] bool.
+
+        They are those of `mask`, `nodes` and `clamps`; `chosen` nodes are left out.
+        """
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
@@ -193,7 +199,8 @@ class Supports:
     def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
         """Return the directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
 
-        Every row of a matrix is one direction.
+        Every row of a matrix is one direction, a unit vector. Raises ValueError for a node that is
+        held along two sets of directions.
         """
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
@@ -291,7 +298,12 @@ def restrained(
 
 
 def _orthonormal_axes(axes, count):
-    """Check directions, and complete them to unit vectors at right angles, [count, 3, 3]."""
+    """Return directions of supports as unit vectors at right angles, in rows, [count, 3, 3].
+
+    `axes` are as of `restrained`: None for x, y, z; the first direction, [3]; or all, [3, 3] or
+    [count, 3, 3]. Raise ValueError for other shapes, traced numbers, and directions that are not at
+    right angles.
+    """
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
     axes = checks.array_if_known(checks.as_floats(axes, "axes"))

@@ -16,7 +16,7 @@ from .supports import FixedDofs
 
 
 class GroupTopology(NamedTuple):
-    """Topology of one element group: what of it is not a number that can be traced.
+    """Topology of one element group: its class, links, results and other static data.
 
     Attributes:
         name: key in the elements as text.
@@ -88,7 +88,7 @@ def nodes_with_elements(
 
 @computed_once
 def topology_of(structure):
-    """Return the `Topology` of a structure."""
+    """Return the `Topology` of a `Structure`, computed once."""
     parts = tuple(
         GroupTopology(
             name,
@@ -150,7 +150,10 @@ def require_same_topology(structure, there, name):
 
 
 def _describe_difference(part, other):
-    """Return in words how one `GroupTopology` differs from another."""
+    """Return in words how one `GroupTopology` differs from another, for a message.
+
+    `part` is that of this structure, `other` that of the state.
+    """
     if part.kind != other.kind:
         return f"is made of {part.kind} in this structure, and of {other.kind} there"
     here, there = part.links.array, other.links.array

@@ -163,7 +163,7 @@ def _root_jvp(primals, tangents, *, count, **given):
     The first `count` of the arguments are root and outputs, others the parameters.
     """
     found = _ROOT.bind(*primals, count=count, **given)
-    moving = internals.moving_arguments(primals[count:], tangents[count:])
+    moving = internals.differentiated_arguments(primals[count:], tangents[count:])
     if not moving:
         return found, [internals.zero_tangent(x) for x in found]
     # shapes, not outputs themselves: reverse mode would store them
@@ -287,7 +287,7 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
     if all(internals.is_zero_tangent(t) for t in tangents[:count]):
         further = [internals.instantiate_tangent(t) for t in tangents[count:]]
         return out, _ROOT_TANGENT.bind(*primals[:count], *further, moving=moving, **given)
-    return out, internals.differentiate_moving(evaluate, primals, tangents)[1]
+    return out, internals.value_and_tangents(evaluate, primals, tangents)[1]
 
 
 @without_garbage_collection()

@@ -106,7 +106,7 @@ def _kernel_jvp(primals, tangents, *, program, **_):
 
     One kernel computes the values and what the linearization needs, another the tangents.
     """
-    moving = internals.moving_arguments(primals, tangents)
+    moving = internals.differentiated_arguments(primals, tangents)
     floating = list(map(internals.is_float, program.out_avals))
     compute, traced = function_of_jaxpr(program), {}
 

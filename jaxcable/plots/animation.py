@@ -101,11 +101,18 @@ def animation(
 
 
 def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
-    """Draw a frame for each `Snapshot` in `shots`, and return the images, a list.
+    """Draw a frame for each `Snapshot` in `shots`, and return the images (Pillow), a list.
 
-    All have one palette, so that colors do not flicker, those of the `ColorScale`, and axes that
-    show `everything`, points [n, 3], m, in the `View` `seen`. The `Snapshot` `start` is drawn
-    dashed behind.
+    All frames have one palette, so that colors do not flicker.
+
+    Args:
+        snapshots: `Snapshots` of the solution.
+        start: `Snapshot` that is drawn dashed behind.
+        shots: the snapshots, in order.
+        seen: `View` of the frames.
+        scale: `ColorScale` of the elements.
+        everything: points [n, 3], m, that the axes have to show.
+        dpi: pixels per inch.
     """
     palette = Image.new("P", (1, 1))
     palette.putpalette(_shared_palette())
@@ -119,7 +126,7 @@ def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
     lines = ElementLines(axes, seen, snapshots, scale)
     lines.show(shots[0])
     held = [shot.support_kinds(seen.normal) for shot in shots]
-    handles = scale.legend() + line_legend(
+    handles = scale.legend_entries() + line_legend(
         forces, bool(start.has_known_shape().any()), counted=False
     )
     handles += support_legend(np.any(held, axis=0))
@@ -138,7 +145,7 @@ def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
 
 
 def _save_gif(images, path, rate):
-    """Save the images as a GIF that repeats, at `rate` per second; the last one is shown longer."""
+    """Save images as a GIF that repeats, `rate` images per second, the last one for longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _LAST_FRAME_FACTOR
     with atomic_write(path, "wb") as stream:

@@ -74,7 +74,7 @@ def convergence(
         axes.plot(size[order], error[order], label=": ".join(name), markevery=marked, **style)
         rounding = real & ~fitted
         axes.plot(size[rounding], error[rounding], **style | {"linestyle": ""} | _OPEN)
-    marks = _mark_at_edges(axes, series)
+    marks = _mark_failures_and_zeros(axes, series)
     if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
         look: dict[str, Any] = {"marker": "o", "color": "0.3", "markersize": 5, **_OPEN}
         marks.append(Line2D([], [], linestyle="", label="rounding", **look))
@@ -123,17 +123,17 @@ def work_precision(
         real = np.isfinite(time) & np.isfinite(error) & (error > 0)
         order = np.argsort(time[real], kind="stable")
         axes.plot(time[real][order], error[real][order], label=label, **series_style(k))
-    marks = _mark_at_edges(axes, series)
+    marks = _mark_failures_and_zeros(axes, series)
     named = [h for h in axes.get_legend_handles_labels()[0] if h.get_label() != "None"]
     legend_below(axes, columns=3, handles=[*named, *marks])
     return finish_figure(figure, path)
 
 
 def _validated_series(places, values, first, second):
-    """Return the series as a dict from label to two arrays [n]: places (abscissas) and values.
+    """Return series of points for plots as a dict from label to two arrays [n]: abscissas, values.
 
-    A single series has the label None; ValueError for shapes or labels that do not match, in which
-    `first` and `second` name the arguments.
+    A single series has the label None. Raise ValueError for shapes or labels that do not match, and
+    for negative values; `first` and `second` name the arguments.
     """
     values = values if isinstance(values, dict) else {None: values}
     if not values:
@@ -164,7 +164,10 @@ def _format_label(label):
 
 
 def _add_log_axes(series, xlabel, ylabel):
-    """Return a figure and its logarithmic axes, which include all finite positive values."""
+    """Return a new figure and its logarithmic axes, whose limits include all positive values.
+
+    `series` is from `_validated_series`.
+    """
     figure = new_figure(4.8, 4.0)
     axes = figure.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
@@ -182,8 +185,11 @@ def _add_log_axes(series, xlabel, ylabel):
     return figure, axes
 
 
-def _mark_at_edges(axes, series):
-    """Mark failed runs and zero errors at the edges of the axes; return legend entries for them."""
+def _mark_failures_and_zeros(axes, series):
+    """Mark failed runs at the upper edge of the axes, and zero errors at the lower one.
+
+    `series` is from `_validated_series`. Return legend entries for these marks, a list.
+    """
     grey = {"linestyle": "", "color": "0.3", "markersize": 7, "markeredgewidth": 1.6}
     cross = {"marker": "x", "color": "black"}
     keys = {}

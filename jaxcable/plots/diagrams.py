@@ -26,14 +26,14 @@ from .element_forces import values_by_group
 from .layout import arrange_pictures, finish_layout
 from .ordinates import (
     default_section_axes,
-    keep_inside,
+    keep_texts_inside,
     positive_side_directions,
     side_directions_in_picture,
     view_of_ordinates,
     write_largest_values,
 )
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SERIES, finish_figure, quantity_unit
+from .style import GHOST, INK, SERIES, display_unit, finish_figure
 from .symbols import draw_supports, support_legend
 from .views import View, choose_view
 
@@ -116,13 +116,13 @@ def diagram(
     figure, slots = arrange_pictures([seen], [points], [title])
     (axes,) = figure.axes
     found.draw(axes, 0)
-    handles = found.legend()
+    handles = found.legend_entries()
     if supports:
         held = snapshot.support_kinds(seen.normal)
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_legend(held)
     finish_layout(figure, slots, handles)
-    keep_inside(axes)
+    keep_texts_inside(axes)
     return finish_figure(figure, path)
 
 
@@ -174,7 +174,7 @@ class ForceDiagrams:
             view = self._along[-1].view_of_ordinates(view)
         self.view = view
         unit = "N m" if of in MOMENTS else "N"
-        self._factor, self.unit = quantity_unit(self.largest, unit, units)
+        self._factor, self.unit = display_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
         self._tips = [each.value_tips(view, scale) for each in self._along]
         self._labels = apart, most, least * self.largest
@@ -191,7 +191,7 @@ class ForceDiagrams:
         limits: Any = apart * along.extent, *others
         write_largest_values(axes, view, (along.base, tips), along.values, self._factor, limits)
 
-    def legend(self) -> list[Any]:
+    def legend_entries(self) -> list[Any]:
         """Return legend entries for the colors of positive and of negative values that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
         return [
@@ -245,7 +245,7 @@ class _BeamForces:
         self._sides = positive_side_directions(axes, self._chord, of)
 
     def view_of_ordinates(self, view: View) -> View:
-        """Return a view, or the elevation that shows the ordinates of upright beams."""
+        """Return the elevation that shows the ordinates of upright beams, or else `view`."""
         return view_of_ordinates(view, self._chord, self._sides)
 
     def value_tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
@@ -276,9 +276,9 @@ class _BeamForces:
 
 
 def _places_with_jumps(end, count):
-    """Return evenly spaced places along the beams, and both sides of all concentrated loads.
+    """Return evenly spaced places along beams, from 0 to 1, and both sides of concentrated loads.
 
-    `end` is the `State` or `PhaseResult`, `count` the number of groups.
+    `end` is the `State` or `PhaseResult` that has the loads, and `count` the number of groups.
     """
     places = np.linspace(0.0, 1.0, PLACES)
     loads = (end.results or {}).get(POINT_LOADS.name)

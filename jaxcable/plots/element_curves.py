@@ -158,7 +158,7 @@ class SolutionCurves:
         )
 
     def state_after_phase(self, phase: int) -> State:
-        """Return the `State` at the end of a phase, with what pictures need of it.
+        """Return the `State` at the end of a converged phase, as far as pictures need it.
 
         Results and motions are those of this phase; the rest of its restart state is the last one.
         """
@@ -173,9 +173,10 @@ class SolutionCurves:
         return copy_with(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
     def _make_curves(self, motion, sag):
-        """Make the `Curves` for displacements and rotations of all nodes and a sag of cables.
+        """Make the `Curves` for a motion of the nodes and a sag of cables.
 
-        `sag` has the shape of `Curves.sag`.
+        `motion` has displacements and rotations of all rows of motion, and `sag` the shape of
+        `Curves.sag`.
         """
         numbers, slopes, axes = [np.zeros(0, int)], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
         if any(isinstance(group, Bending) for group in self.groups):
@@ -194,7 +195,7 @@ class SolutionCurves:
 
     @functools.cached_property
     def _split_structure(self):
-        """Traced and static parts of the structure, as `_deflected_beams` takes them."""
+        """Traced and static parts of the structure, the first arguments of `_deflected_beams`."""
         return split_solution_state(self.structure, self.solution.last)[:2]
 
     def _sag_in_state(self, state):
@@ -267,11 +268,11 @@ def hermite_cubic(
 
 @as_program
 def _deflected_beams(without_indices, arrays, motion):
-    """Return slopes, section axes and chord lengths of the beams of each group; None for others.
+    """Return (slopes, section axes, chord lengths) of the beams by group; None for other groups.
 
-    `without_indices` and `arrays` are the parts of the structure from `split_solution_state`, and
-    `motion` has the displacements and rotations of all nodes. Slopes are against the chord at both
-    ends, [n_elem, 2, 3], section axes in rows, [n_elem, 3, 3], lengths in m, [n_elem].
+    Slopes are against the chord at both ends, [n_elem, 2, 3]; section axes are in rows, [n_elem, 3,
+    3]; lengths are in m, [n_elem]. `without_indices` and `arrays` are the parts of the structure
+    from `split_solution_state`, and `motion` has the displacements and rotations of all nodes.
     """
     nodes, groups, restart = merge_solution_state(without_indices, arrays)
     motion = motion.astype(nodes.dtype)
@@ -292,9 +293,10 @@ def _deflected_beams(without_indices, arrays, motion):
 
 
 def _motion_after_phase(last, structure, end):
-    """Return displacements and rotations of all nodes at the end of a phase, from its result `end`.
+    """Return displacements, from the initial nodes, and rotations of nodes at the end of a phase.
 
-    `last` is the last `State` of the solution.
+    `last` is the last `State` of the solution, and `end` the `PhaseResult`. Rotations are those of
+    `last` if the phase has not recorded any.
     """
     if end.path.motion is not None:
         return np.asarray(end.path.motion[-1])

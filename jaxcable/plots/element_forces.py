@@ -94,7 +94,10 @@ def all_result_columns(
 
 
 def values_by_group(tree: Any, count: int) -> list[Any]:
-    """Return the leaves of a pytree, an array or None for each of `count` groups, as a list."""
+    """Return the leaves of a pytree, arrays or None by group, as a list of length `count`.
+
+    A tree that is None gives None for each group.
+    """
     return [None] * count if tree is None else jax.tree.leaves(tree, is_leaf=lambda x: x is None)
 
 
@@ -118,7 +121,7 @@ def concatenate_values(
 
 
 def _utilization_column(structure, element_results):
-    """Return the utilization of all elements as a `ResultColumn`.
+    """Return the utilization of all elements, force over breaking force, as a `ResultColumn`.
 
     Raise ValueError without a structure, or if it has no breaking forces.
     """
@@ -132,6 +135,6 @@ def _utilization_column(structure, element_results):
 
 
 def _value_of_largest_size(values):
-    """Return from each row of [n_elem, n_point] the value of largest size, with its sign."""
+    """Return the value of largest magnitude, with its sign, of each row of [n_elem, n_point]."""
     at = np.abs(values).argmax(axis=1)
     return np.take_along_axis(values, at[:, None], axis=1)[:, 0]

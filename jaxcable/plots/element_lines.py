@@ -18,7 +18,7 @@ from ..common.units import Units
 from .element_curves import Links, picture_lines, select_lines
 from .element_forces import ElementForces
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SLACK, color_map, format_value, quantity_unit
+from .style import GHOST, INK, SLACK, color_map, display_unit, format_value
 from .views import View
 
 DASHES = (0, (3, 1.5))
@@ -72,14 +72,14 @@ class ColorScale:
             low, high = 0.0, 100.0 * (1.0 + _REACHED)
         else:
             most = max(abs(low), abs(high))
-            self.factor, self.unit = quantity_unit(most, forces[0].unit, units)
+            self.factor, self.unit = display_unit(most, forces[0].unit, units)
             signed = ""
             if color == "tension" and low < -NEGLIGIBLE * most:
                 self.name, signed = "axial force", ", tension positive"
             self.label = f"{self.name} ({self.unit})".removesuffix(" ()") + signed
             low, high = self.factor * low, self.factor * high
             by_group = color == "tension" and not one_scale
-            self._ranges = _swamped_ranges(forces) if by_group else None
+            self._ranges = _force_ranges_by_group(forces) if by_group else None
             if self._ranges is not None:
                 self._labels = forces[0].labels
                 self.label, low, high = f"{self.name}, % of the largest of its group", 0.0, 100.0
@@ -96,8 +96,11 @@ class ColorScale:
         # divided first: no share is above 100, which is where the color of excess begins
         return 100.0 * (np.abs(forces.value) / sizes[forces.group])
 
-    def legend(self) -> list[Line2D]:
-        """Return a legend entry with the range of forces for each group; [] without shares."""
+    def legend_entries(self) -> list[Line2D]:
+        """Return legend entries with the range of forces of each group, if colors are shares.
+
+        Otherwise the list is empty.
+        """
         if self._ranges is None:
             return []
         texts = [
@@ -109,7 +112,14 @@ class ColorScale:
 
 
 class ColoredValues(NamedTuple):
-    """Values that color elements, as `ElementForces` has them, of something that is no solution."""
+    """Values that color elements of something that is no solution, such as an envelope.
+
+    Attributes:
+        value: values of all elements, [n_elem], SI; NaN where they are not known.
+        color, unit: name and SI unit of these values.
+        group: index of the group of each element, [n_elem].
+        labels: names of the groups.
+    """
 
     value: Float[np.ndarray, " n_elem"]
     color: str
@@ -118,10 +128,11 @@ class ColoredValues(NamedTuple):
     labels: list[str]
 
 
-def _swamped_ranges(forces):
-    """Return the smallest and largest value of each group in all pictures, [n_group, 2], or NaN.
+def _force_ranges_by_group(forces):
+    """Return the smallest and largest value of each group in all pictures, [n_group, 2], or None.
 
-    Return None unless many elements are in groups that another one swamps.
+    None, for one common scale, unless more than a third of the elements are in groups whose forces
+    are small beside those of another group. Groups without values have NaN.
     """
     values, group = np.stack([f.value for f in forces], axis=1), forces[0].group
     own = [values[group == k] for k in range(len(forces[0].labels))]
@@ -160,7 +171,7 @@ class ElementLines:
             self.surface = view.add_faces(axes, [], alpha=0.6, zorder=1.5, **edges, **scale.look)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw the elements as they are in a snapshot, in place of what was drawn before."""
+        """Draw the elements as they are in a `Snapshot`, in place of what was drawn before."""
         forces, element = snapshot.forces, self.links[1]
         drawn = picture_lines(self.view, snapshot.positions, self.links, snapshot.curves)
         slack, compressed = forces.slack[element], forces.compressed[element]
@@ -194,7 +205,7 @@ def draw_earlier_geometry(
 
 
 def line_width(n: int) -> float:
-    """Return the width, points, of `n` lines in a picture: thinner if there are many."""
+    """Return the line width, in points, for a picture of `n` lines: thinner if there are many."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 

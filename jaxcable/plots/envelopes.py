@@ -30,12 +30,12 @@ from .layout import arrange_pictures, finish_layout
 from .nets import round_magnification
 from .ordinates import (
     default_section_axes,
-    keep_inside,
+    keep_texts_inside,
     positive_side_directions,
     side_directions_in_picture,
     write_largest_values,
 )
-from .style import GHOST, INK, SERIES, finish_figure, format_value, quantity_unit
+from .style import GHOST, INK, SERIES, display_unit, finish_figure, format_value
 from .symbols import draw_supports, support_legend
 from .undeformed import UndeformedStructure
 
@@ -140,24 +140,27 @@ def envelope_diagram(
         handles += support_legend(stage.held)
     finish_layout(figure, slots, handles, bar)
     for axes in figure.axes[: len(slots)]:
-        keep_inside(axes)
+        keep_texts_inside(axes)
     return finish_figure(figure, path)
 
 
 class _GoverningValue(NamedTuple):
-    """The most extreme value of a result: the value, and the name of the case that governs."""
+    """The largest or smallest value of a result, and the name of the case in which it occurs."""
 
     value: float
     case: str
 
 
 def _governing_values(envelope, of):
-    """Return the `_GoverningValue` of a result over all places, a dict: "high", "low"."""
+    """Return the extreme values of a result over all places: {"high": ..., "low": ...}.
+
+    They are `_GoverningValue`s. Raise ValueError if the result has no value in any case.
+    """
     found = {}
-    largest = largest_size(envelope, _kind_of(of))
+    largest = largest_magnitude(envelope, _compared_results(of))
     for side, pick in (("high", np.nanargmax), ("low", np.nanargmin)):
-        values = [np.ravel(np.asarray(x, float)) for x in _leaves(getattr(envelope, side)[of])]
-        cases = [np.ravel(np.asarray(x)) for x in _leaves(getattr(envelope, f"{side}_case")[of])]
+        values = [np.ravel(np.asarray(x, float)) for x in _arrays(getattr(envelope, side)[of])]
+        cases = [np.ravel(np.asarray(x)) for x in _arrays(getattr(envelope, f"{side}_case")[of])]
         value, case = np.concatenate(values), np.concatenate(cases)
         if np.isfinite(value).any():
             k = pick(value)
@@ -169,26 +172,30 @@ def _governing_values(envelope, of):
     return found
 
 
-def largest_size(envelope: ResultEnvelope, names: Sequence[str]) -> float:
-    """Return the largest size of some results of one kind in an envelope; 0 without any."""
-    every = [x for s in _SIDES for name in names for x in _leaves(getattr(envelope, s).get(name))]
+def largest_magnitude(envelope: ResultEnvelope, names: Sequence[str]) -> float:
+    """Return the largest magnitude of results with these names in an envelope; 0 without any."""
+    every = [x for s in _SIDES for name in names for x in _arrays(getattr(envelope, s).get(name))]
     return max((float(np.nanmax(np.abs(x), initial=0.0)) for x in every), default=0.0)
 
 
-def _kind_of(of):
-    """Return the names of results that are compared with one: all forces, all moments, or it."""
+def _compared_results(of):
+    """Return the results that rounding errors of one are compared with: all forces, or moments.
+
+    A result that is no section force stands alone.
+    """
     return next((kind for kind in KINDS if of in kind), (of,))
 
 
-def _leaves(tree):
-    """Return the arrays of a pytree, without None."""
+def _arrays(tree):
+    """Return the arrays in a pytree, without None, as a list."""
     return [x for x in values_by_group(tree, 0) if x is not None]
 
 
 def _active_elements(structure, envelope):
     """Return which elements are active in each case, [n_case, n_elem] bool.
 
-    The tension of others is NaN; elements without tensions count as active.
+    An envelope has NaN for the tension of inactive elements; elements without tensions count as
+    active.
     """
     tensions = values_by_group(envelope.values["tension"], len(structure.groups))
     shapes = [(len(envelope.names), len(group.links)) for group in structure.groups]
@@ -198,16 +205,23 @@ def _active_elements(structure, envelope):
 
 
 def _draw_section_force(stage, envelope, of, high):
-    """Draw the largest and the smallest section force along all beams."""
+    """Draw the largest and the smallest value of the section force `of` along all beams.
+
+    `high` is the length of the largest ordinate over the extent of the structure.
+
+    Returns:
+        The figure, legend entries, slots of `arrange_pictures`, and the color bar of
+        `finish_layout`.
+    """
     structure = stage.structure
-    kind = largest_size(envelope, _kind_of(of))
+    kind = largest_magnitude(envelope, _compared_results(of))
     values = {
-        side: zero_negligible(np.concatenate(_leaves(getattr(envelope, side)[of])), kind)
+        side: zero_negligible(np.concatenate(_arrays(getattr(envelope, side)[of])), kind)
         for side in _SIDES
     }
     extremes = _governing_values(envelope, of)
     largest = max(abs(extreme.value) for extreme in extremes.values())
-    factor, unit = quantity_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
+    factor, unit = display_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
     active = _active_elements(structure, envelope).any(axis=0)
     bends = [np.full(len(one.links), isinstance(one, Bending)) for one in structure.groups]
     beams = active[np.concatenate(bends)]
@@ -216,7 +230,7 @@ def _draw_section_force(stage, envelope, of, high):
     chord = stage.nodes[ends]
     base = points_on_chords(chord, values["high"].shape[1])
     sides = positive_side_directions(axes_of_beams, chord, of)
-    stage.turn_to(chord, sides)
+    stage.turn_view(chord, sides)
     sides = side_directions_in_picture(sides, chord[:, 1] - chord[:, 0], stage.view)
     scale = high * stage.extent / max(largest, 1e-300)
     tips = {
@@ -246,7 +260,10 @@ def _draw_section_force(stage, envelope, of, high):
 
 
 def _beam_ends_and_axes(structure, nodes):
-    """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3]."""
+    """Return the end nodes of all beams, [n_beam, 2], and their section axes, [n_beam, 3, 3].
+
+    Axes x, y and z are in rows; `nodes` are positions, [n_node, 3], m.
+    """
     ends, axes = [np.zeros((0, 2), int)], [np.zeros((0, 3, 3))]
     for bending in structure.groups:
         if not isinstance(bending, Bending):
@@ -264,11 +281,15 @@ def _draw_displacements(stage, envelope, solutions):
     """Draw the structure in the case that moves a node most, and thin in all others.
 
     With the batch `solutions`, not None, beams and catenaries are curves.
+
+    Returns:
+        The figure, legend entries, slots of `arrange_pictures`, and the color bar of
+        `finish_layout`.
     """
     moved = np.asarray(envelope.values["displacement"], float)
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
-    stage.turn_to(stage.nodes[_beam_ends_and_axes(stage.structure, stage.nodes)[0]], moved[case])
+    stage.turn_view(stage.nodes[_beam_ends_and_axes(stage.structure, stage.nodes)[0]], moved[case])
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
@@ -301,7 +322,10 @@ def _draw_displacements(stage, envelope, solutions):
 
 
 def _magnified_curves(structure, solutions, number, factor):
-    """Return the `Curves` in a case of a batch, with bends times a factor; None without a batch."""
+    """Return the `Curves` in a case of a batch, with their bends times a factor.
+
+    `number` is the index of the case. None if `solutions` is None, or no element is curved.
+    """
     if solutions is None:
         return None
     case = jax.tree.map(lambda x: np.asarray(x)[number], solutions)
@@ -310,7 +334,14 @@ def _magnified_curves(structure, solutions, number, factor):
 
 
 def _draw_element_values(stage, envelope, of):
-    """Draw the smallest and the largest value of every element as colors."""
+    """Draw the smallest and the largest value of the result `of` in each element as colors.
+
+    Raise ValueError for a result that has not one number for each element.
+
+    Returns:
+        The figure, legend entries, slots of `arrange_pictures`, and the color bar of
+        `finish_layout`.
+    """
     structure, groups = stage.structure, stage.structure.groups
     for leaf, group in zip(
         values_by_group(envelope.high[of], len(groups)), [*groups, *groups], strict=False
@@ -331,7 +362,7 @@ def _draw_element_values(stage, envelope, of):
     view = stage.view
     figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
     width = line_width(len(stage.links))
-    handles: list[Any] = scale.legend()
+    handles: list[Any] = scale.legend_entries()
     active = _active_elements(structure, envelope).any(axis=0)
     for axes, (side, (word, _)) in zip(figure.axes, _SIDES.items(), strict=True):
         lines = stage.add_lines(axes, stage.nodes, active, linewidths=width, zorder=3, **scale.look)

@@ -69,7 +69,8 @@ def history(
 def _draw_minimize_steps(record, n, upper, lower):
     """Draw the history of a `Design`: loss above, gradient norm below, failed trials marked.
 
-    `record` is the history of `n` steps.
+    `record` is the history of `n` steps; `upper` and `lower` are axes. Raise ValueError without a
+    finite loss.
     """
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
@@ -116,7 +117,10 @@ def _draw_fit_trials(record, n, upper, lower):
 
 
 def _draw_line_with_dots(axes, number, values, label):
-    """Draw a line with dots through finite values; logarithmic if their range is wide."""
+    """Draw a line with dots through finite values; on a logarithmic axis if their range is wide.
+
+    `number` are the abscissas, and `label` is the text for the legend, None for none.
+    """
     real = np.isfinite(values)
     values, number = values[real], number[real]
     look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..equilibrium.convergence import default_tolerance
-from .snapshots import refuse_other_results
+from .snapshots import require_one_solution
 from .style import FAILED, GRID, SERIES, finish_figure, legend_below, new_figure
 
 _NAME = 0.17  # width of the name of a phase over that of the axes
@@ -41,7 +41,7 @@ def increments(
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['relative residual (-)', 'iterations (-)', 'slack cables (-)']
     """
-    refuse_other_results(solution)
+    require_one_solution(solution)
     paths = [phase.path for phase in solution.phases]
     status = np.concatenate([np.asarray(p.status) for p in paths])
     residual, iterations, slack = (

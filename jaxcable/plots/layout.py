@@ -60,7 +60,7 @@ def arrange_pictures(
 
 
 def _slots_of_one_or_two(ratios, flat):
-    """Return the slots (left, top, width, height, inches) of one or two pictures.
+    """Return the slots (left, top, width, height) of one or two pictures, inches.
 
     `ratios` are height over width of each, and `flat` says which are plane, not in space.
     """
@@ -125,7 +125,11 @@ def finish_layout(
 
 
 def _place_legend(figure, handles, width):
-    """Put the legend at the lower edge, in as many columns as fit; return its height, inches."""
+    """Put the legend at the lower edge, in as many columns as fit; return its height, inches.
+
+    `handles` are its entries, without which the height is 0, and `width` is that of the figure,
+    inches.
+    """
     if not handles:
         return 0.0
     fold_labels(handles, width - 2 * _GAP)

@@ -79,7 +79,7 @@ def model(
     width = _THIN * line_width(len(stage.links))
     handles: list[Any] = []
     for number, (label, group) in enumerate(named_groups_of(structure)):
-        look = _line_look(number)
+        look = _group_line_style(number)
         own = stage.links[stage.group == number]
         wide = (1.6 if isinstance(group, Beams) else 1.0) * width
         ends = stage.view.project(stage.nodes)[own]
@@ -98,14 +98,17 @@ def model(
     return finish_figure(figure, path)
 
 
-def _line_look(number):
-    """Return color and line style of a group by its number, a dict."""
+def _group_line_style(number):
+    """Return color and line style of the group with index `number`, as arguments for matplotlib."""
     style = STYLES[number // len(SERIES) % len(STYLES)]
     return {"color": SERIES[number % len(SERIES)], "linestyle": style}
 
 
 def _write_numbers(axes, stage):
-    """Write numbers of nodes and elements that do not cover each other; return how many others."""
+    """Write numbers of nodes and elements; return how many are left out.
+
+    Left out is a number that would cover one written before. `stage` is the `UndeformedStructure`.
+    """
     texts, places, colors, shifts = [], [], [], []
     for k, position in enumerate(stage.nodes):
         texts.append(str(k))
@@ -116,7 +119,7 @@ def _write_numbers(axes, stage):
         for k, chain in enumerate(group.links.array):
             texts.append(str(k))
             places.append(stage.nodes[np.unique(chain)].mean(axis=0))
-            colors.append(_line_look(number)["color"])
+            colors.append(_group_line_style(number)["color"])
             shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
     at = _positions_in_picture(axes, stage.view, np.array(places))
     kept = _fitting_texts(axes, at, texts, SIZE * np.array(shifts))
@@ -130,7 +133,7 @@ def _write_numbers(axes, stage):
 def _positions_in_picture(
     axes: Any, view: Any, positions: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return where positions, m, are in the plane of a picture, in the data units of its axes."""
+    """Return positions, given in m, in the plane of a picture, in data units of its axes."""
     seen = view.project(positions)
     if view.flat:
         return seen
@@ -138,9 +141,13 @@ def _positions_in_picture(
 
 
 def _fitting_texts(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
-    """Return which texts are written: the first ones that cover no earlier one.
+    """Return which texts can be written without covering an earlier one of these, [n] bool.
 
-    They are `shifts` points from where they belong, `at`, in the data units of the axes.
+    Args:
+        axes: axes of the picture.
+        at: points that the texts belong to, [n, 2], in the data units of the axes.
+        texts: list of texts.
+        shifts: distances of the texts from there, [n, 2], in points.
     """
     points = axes.transData.transform(at) * 72 / axes.figure.dpi + shifts
     half = 0.5 * SIZE * np.array([[_WIDE * len(text), _HIGH] for text in texts])

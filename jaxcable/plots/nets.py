@@ -160,10 +160,10 @@ def net(
         kind.draw(space, views[-1])
 
     handles = line_legend(forces, any(stage.now.has_moved_from(stage.before) for stage in stages))
-    handles = scale.legend() + handles
+    handles = scale.legend_entries() + handles
     if supports:
         handles += support_legend(np.any(held, axis=0))
-    handles += [key for kind in arrows for key in kind.legend()]
+    handles += [key for kind in arrows for key in kind.legend_entries()]
     if any(len(middles) for middles, _ in sections):
         handles += section_axis_legend()
     finish_layout(figure, slots, handles, (lines.taut, scale.label))
@@ -171,7 +171,7 @@ def net(
 
 
 class StagePicture(NamedTuple):
-    """A picture of a structure: what it shows.
+    """A picture of a structure: its title, and the two instants that it shows.
 
     Attributes:
         title: title of the picture.
@@ -189,9 +189,12 @@ class StagePicture(NamedTuple):
 
 
 def _stages_before_and_after(snapshots, state, magnify):
-    """Return a `StagePicture` before loading and one after, in which displacements are magnified.
+    """Return the `StagePicture`s before and after loading, the latter with magnified displacements.
 
-    `state` is the `State` after loading, and `magnify` the factor, or None for a round one.
+    Args:
+        snapshots: `Snapshots` of the solution.
+        state: `State` after loading.
+        magnify: factor on displacements, or None for a round one.
     """
     end, title = snapshots.of_state(state), snapshots.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
@@ -238,10 +241,15 @@ def _choose_views(stages, view, units, profile, heights):
 
 
 def _force_arrows(snapshot, shown, view, links, asked, units):
-    """Return the `ForceArrows` of loads and reactions of the `State` `shown`, if asked for, a list.
+    """Return the `ForceArrows` of loads and reactions of a state, a list.
 
-    `asked` names what is asked for, "load" or "reaction"; `links` are those of `Snapshots`, and
-    `units` those of legends, or None.
+    Args:
+        snapshot: `Snapshot` of the picture.
+        shown: `State` with the forces.
+        view: `View` of the picture.
+        links: those of `Snapshots`.
+        asked: what is drawn: some of "load" and "reaction".
+        units: `Units` of legends, or None.
     """
     pairs = links[0][snapshot.forces.present[links[1]]]
     kinds = ("load", shown.load, True), ("reaction", shown.reactions, False)

@@ -25,13 +25,17 @@ def write_largest_values(
     factor: float,
     limits: tuple[float, int, float],
 ) -> None:
-    """Write the largest values of ends and extremes, not too close together, beside their tips.
+    """Write the values at ends and extremes beside the tips of their ordinates, the largest first.
+
+    Values too close to a written one are left out.
 
     Args:
         axes, view: of the picture.
         ordinates: bases and tips of the ordinates, m.
         values: of all ordinates, N or N m; texts have these times `factor`.
-        limits: least distance of written values, m, their largest number, and their least size.
+        factor: factor from N or N m to the unit of the texts.
+        limits: least distance of written values, m, their largest number, and their least
+            magnitude.
     """
     apart, most, least = limits
     halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
@@ -56,8 +60,11 @@ def write_largest_values(
             axes.text(*place, format_value(factor * float(found[k])), **look)
 
 
-def keep_inside(axes: Any) -> None:
-    """Move texts of flat axes that have their final place, so that none crosses the frame."""
+def keep_texts_inside(axes: Any) -> None:
+    """Move texts of flat axes that have their final place, so that none crosses the frame.
+
+    Axes in space are left as they are.
+    """
     if axes.name == "3d":
         return
     axes.figure.draw_without_rendering()

@@ -72,9 +72,9 @@ class PageArrays:
 
 
 def fill_template(name: str, parts: Mapping[str, str]) -> str:
-    """Return the text of a file in the folder ``viewer`` with its marks replaced.
+    """Return the text of a file in the folder ``viewer`` with its placeholders replaced.
 
-    `parts` is a dict from mark, such as ``@TITLE@``, to the text in its place.
+    `parts` is a dict from placeholder, such as ``@TITLE@``, to the text in its place.
     """
     # in one pass, so that marks in the texts stay what they are
     return re.sub("|".join(parts), lambda mark: parts[mark[0]], read_viewer_file(name))

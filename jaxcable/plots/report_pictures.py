@@ -16,7 +16,7 @@ from ..common.units import UnitsLike
 from ..design import envelope, utilization
 from ..elements.abilities import Bending
 from ..model.structure import Structure
-from .envelopes import KINDS, envelope_diagram, largest_size
+from .envelopes import KINDS, envelope_diagram, largest_magnitude
 from .model_pictures import model
 from .nets import net
 from .snapshots import Snapshots
@@ -91,9 +91,9 @@ def for_report(
         used = net(case, color="utilization", structure=structure, **look)
         found[f"Force over breaking force in {name}, where it is largest"] = used
     for kind in KINDS:
-        worth = _WORTH * largest_size(extremes, kind)
+        worth = _WORTH * largest_magnitude(extremes, kind)
         for name in kind:
-            if name != "N" and largest_size(extremes, [name]) > worth:
+            if name != "N" and largest_magnitude(extremes, [name]) > worth:
                 found[f"Envelope of {name} over all cases"] = envelope_diagram(
                     structure, extremes, name, units=units
                 )
@@ -103,8 +103,8 @@ def for_report(
 def _factor_on_heights(structure, solution, profile):
     """Return the factor on heights in all pictures of a report; 1 of a structure with beams.
 
-    It is that at which the final shape, with the sags of cables, and the ground, `profile`, [n, 3],
-    m, are not very low.
+    It is the round factor at which the final shape, with the sags of cables, and the ground are not
+    very low. `profile` are points of the ground, [n, 3], m.
     """
     if any(isinstance(group, Bending) for group in structure.groups):
         return 1.0

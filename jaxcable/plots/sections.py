@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from ..common.types import ArrayLike, Float
 from ..common.units import UnitsLike, as_units
 from ..sections import LinearSection, Section
-from .style import finish_figure, legend_below, new_figure, quantity_unit
+from .style import display_unit, finish_figure, legend_below, new_figure
 
 
 def section(
@@ -57,7 +57,7 @@ def section(
     size, length = 1e3, "mm"
     if units is not None:
         shown = as_units(units)
-        scale, unit = quantity_unit(0.0, "Pa", shown)
+        scale, unit = display_unit(0.0, "Pa", shown)
         length, to_small = shown.small_length
         size = shown.from_si(float(to_small), "m")
     corners: Any = np.asarray(section.points)[section.cells.array] * size

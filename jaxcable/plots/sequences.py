@@ -18,7 +18,7 @@ from .diagrams import ForceDiagrams
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
 from .nets import StagePicture
-from .ordinates import keep_inside
+from .ordinates import keep_texts_inside
 from .snapshots import Snapshots
 from .style import finish_figure
 from .symbols import draw_supports, support_legend
@@ -117,7 +117,7 @@ def sequence(
         content.draw(axes, number)
         if supports:
             draw_supports(axes, seen, stage.now.positions, held[number])
-    handles = content.legend()
+    handles = content.legend_entries()
     if supports:
         handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
@@ -125,7 +125,7 @@ def sequence(
     bar = content.color_bar() if diagram is None else None
     finish_layout(figure, slots, handles, bar, columns if seen.flat else None)
     for axes in figure.axes[:count]:
-        keep_inside(axes)
+        keep_texts_inside(axes)
     return finish_figure(figure, path)
 
 
@@ -152,8 +152,12 @@ def _stages_of_phases(snapshots, magnify):
 class _ColoredElementPictures:
     """The pictures of a sequence with colored elements; drawn as `ForceDiagrams` are.
 
-    It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, `Units` or
-    None, and whether colors have one scale for all groups.
+    Args:
+        stages: `StagePicture` of each picture.
+        snapshots: `Snapshots` of the solution.
+        view: `View` of all pictures.
+        units: `Units` of the numbers, or None.
+        one_scale: whether colors have one scale for all groups.
     """
 
     def __init__(self, stages, snapshots, view, units, one_scale):
@@ -161,19 +165,19 @@ class _ColoredElementPictures:
         self.scale = ColorScale([stage.now.forces for stage in stages], units, one_scale)
 
     def draw(self, axes, number):
-        """Draw picture `number`: the elements, and behind them dashed those of the phase before."""
+        """Draw picture `number`: the elements, and dashed behind them those of the phase before."""
         _, now, before = self.stages[number]
         draw_earlier_geometry(axes, self.view, self.snapshots.links, before, now.forces.present)
         self.lines = ElementLines(axes, self.view, self.snapshots, self.scale)
         self.lines.show(now)
 
-    def legend(self):
-        """Return legend entries for how elements are drawn: slack, compressed, before."""
+    def legend_entries(self):
+        """Return legend entries for colors of groups and line styles: slack, compressed, before."""
         moved = any(now.has_moved_from(before) for _, now, before in self.stages)
-        return self.scale.legend() + line_legend(
+        return self.scale.legend_entries() + line_legend(
             [stage.now.forces for stage in self.stages], moved, False
         )
 
     def color_bar(self):
-        """Return the drawn lines that the color bar explains, and the label of the color bar."""
+        """Return lines of the last picture, whose colors a color bar explains, and its label."""
         return self.lines.taut, self.scale.label

@@ -164,7 +164,7 @@ class Snapshots:
         places: int = PLACES,
     ):
         self.solution, self.structure, self.names = solution, structure, names
-        refuse_other_results(solution)
+        require_one_solution(solution)
         self.parts = solution.last.topology.parts
         self.color = _resolve_color(self.parts, solution, color)
         if structure is not None:
@@ -225,7 +225,12 @@ class Snapshots:
         return found
 
     def _make_snapshot(self, place, displacement, element_results, curves, end):
-        """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
+        """Make the `Snapshot` of an instant; arguments are fields of it, where not explained.
+
+        Args:
+            place: tuple of phase, increment and load factor.
+            displacement: from the initial positions, [n_node, 3], m.
+        """
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
         fixed, on_ground = supported_nodes(self.parts, forces.present, fixed)
@@ -303,8 +308,8 @@ def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
-def refuse_other_results(solution: Solution) -> None:
-    """Raise ValueError for a batch, and for anything else than a `Solution`."""
+def require_one_solution(solution: Solution) -> None:
+    """Raise ValueError unless `solution` is a `Solution` of a single analysis, not a batch."""
     if not isinstance(solution, Solution):
         hint = ""
         if isinstance(solution, State):
@@ -327,7 +332,8 @@ def refuse_other_results(solution: Solution) -> None:
 def _resolve_color(parts, solution, color):
     """Return the name of the values that color elements; ValueError for an unknown one.
 
-    If no element has a tension, "tension" stands for the first result that elements have.
+    If no element has a tension, "tension" stands for the first result that elements have. `parts`
+    are `GroupTopology` of all groups.
     """
     known = result_columns(parts, solution.last.element_results)
     names = [column.label for column in known if any(x is not None for x in column.values)]

@@ -118,11 +118,12 @@ def color_map() -> Colormap:
     return ListedColormap(colors).with_extremes(bad="0.6", over=OVER)
 
 
-def quantity_unit(largest: float, unit: str, units: Units | None = None) -> tuple[float, str]:
+def display_unit(largest: float, unit: str, units: Units | None = None) -> tuple[float, str]:
     """Return the factor from an SI unit to the unit in which pictures show it, and its name.
 
-    With `units` it is theirs; stresses are in MPa, kip/in2, lbf/in2 or kgf/cm2 then. Without them
-    forces, and what begins with N, have a unit that suits the largest value.
+    With `units` it is theirs; stresses are in MPa, kip/in2, lbf/in2 or kgf/cm2 then. Without them,
+    quantities whose unit begins with N (forces, moments) are in N, kN or MN, as suits the largest
+    value, and others in SI.
     """
     if units is None and unit.startswith("N"):
         factor, force = force_unit(largest)
@@ -136,7 +137,7 @@ def quantity_unit(largest: float, unit: str, units: Units | None = None) -> tupl
 
 
 def force_unit(largest: float) -> tuple[float, str]:
-    """Return the factor from N to a unit that suits a largest force, N, and the unit's name."""
+    """Return the factor from N to N, kN or MN, as suits the largest force, N, and its name."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
         if largest >= 10 * size:
             return 1.0 / size, name
@@ -145,7 +146,7 @@ def force_unit(largest: float) -> tuple[float, str]:
 
 def format_force(force: float, units: Units | None = None) -> str:
     """Return a force, given in N, as text in `units`, or with a suitable unit."""
-    factor, name = quantity_unit(10 * force, "N", units)
+    factor, name = display_unit(10 * force, "N", units)
     return f"{force * factor:.3g} {name}"
 
 

@@ -65,7 +65,7 @@ def supported_nodes(
     present: Bool[np.ndarray, " n_elem"],
     fixed: Bool[np.ndarray, "n_node n_freedom"],
 ) -> tuple[Bool[np.ndarray, "n_node n_freedom"], Bool[np.ndarray, " n_node"]]:
-    """Return what supports hold at nodes with active elements, and which nodes are on springs.
+    """Return supported degrees of freedom of nodes with active elements, and nodes on springs.
 
     Args:
         parts: element groups, or the parts of a `Topology`.
@@ -191,7 +191,7 @@ class ForceArrows:
                 parts = *tails[which].T, *vectors[which].T
                 axes.quiver(*parts, color=self.color, zorder=order, **look)
 
-    def legend(self) -> list[Line2D]:
+    def legend_entries(self) -> list[Line2D]:
         """Return the legend entry with the size of the largest force; [] without arrows."""
         if not len(self.tails):
             return []
@@ -217,9 +217,12 @@ def _arrow_scale(forces, view, points, extent):
 
 
 def _largest_forces_in_cells(positions, size, node):
-    """Return the nodes with the largest force in each cell of a grid, at most 250.
+    """Return the nodes with the largest force in each cell of a grid, at most 250, sorted.
 
-    `positions` and `size` (of the force, N) are those of all nodes; `node` are nodes with a force.
+    Args:
+        positions: of all nodes, [n_node, 3], m.
+        size: magnitude of the force on each node, [n_node], N.
+        node: indices of nodes with a force.
     """
     place = positions[node] - positions.min(axis=0)
     node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
@@ -260,7 +263,7 @@ def _choose_arrow_sides(forces, node, positions, links, push):
 
 
 def _unit_vectors(vectors):
-    """Scale vectors to length 1; zero vectors stay zero."""
+    """Return vectors, [n, 2 or 3], scaled to length 1; zero vectors stay zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
 
 
@@ -308,5 +311,5 @@ def section_axis_legend() -> list[Line2D]:
 
 
 def mark_size(n: int) -> float:
-    """Return the size of marks in a picture of `n` nodes, points: smaller if there are many."""
+    """Return the size of marks, in points, for a picture of `n` nodes: smaller if they are many."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

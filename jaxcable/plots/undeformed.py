@@ -60,10 +60,10 @@ class UndeformedStructure:
             *held, structure.rotating_nodes(), self.view.normal
         )
 
-    def turn_to(
+    def turn_view(
         self, ends: Float[np.ndarray, "n_beam 2 3"], sides: Float[np.ndarray, "n 3"]
     ) -> None:
-        """Take the view of `view_of_ordinates`, unless another one has been asked for."""
+        """Change `view` to that of `view_of_ordinates`, unless the user has asked for one."""
         if not self._is_stated:
             self.view = view_of_ordinates(self.view, ends, sides)
 

@@ -20,7 +20,7 @@ from .diagrams import forces_along_beams
 from .element_forces import all_result_columns, concatenate_values
 from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
-from .style import LOAD, REACTION, SLACK, color_map, quantity_unit
+from .style import LOAD, REACTION, SLACK, color_map, display_unit
 from .views import choose_view
 
 _PLACES = 17  # along hanging cables, ends included; fewer than in pictures, for small pages
@@ -105,7 +105,7 @@ def view(
     if stated is not None:
         columns = {column["unit"] for column in description["columns"]}
         description["units"] = {
-            unit: quantity_unit(0.0, unit, stated) for unit in sorted({"N", "m", "N m", *columns})
+            unit: display_unit(0.0, unit, stated) for unit in sorted({"N", "m", "N m", *columns})
         }
     return write_page(title, description, arrays, path)
 
@@ -241,7 +241,10 @@ def _add_supports_and_nodal_forces(arrays, shots):
 
 
 def _page_colors():
-    """Return the colors of the page by name, with a second scale for a dark background."""
+    """Return the colors of the page by name, for the scripts; scales are lists of hex colors.
+
+    There is a second scale for a dark background.
+    """
     bright = matplotlib.colormaps["viridis"](np.linspace(0.25, 1.0, 17))
     return {
         "scale": [to_hex(c) for c in color_map()(np.linspace(0.0, 1.0, 17))],

@@ -65,9 +65,10 @@ class View:
         return vectors
 
     def add_lines(self, axes: Axes, segments: Any, **look: Any) -> LineCollection:
-        """Draw lines, given in coordinates of the picture, without a change of the axes' limits.
+        """Draw lines in axes without changing their limits; return matplotlib's `LineCollection`.
 
-        `look` has arguments of matplotlib's `LineCollection`, which is returned.
+        `segments` are in coordinates of the picture (see `project`), and `look` has arguments of
+        the collection.
         """
         make: Any = LineCollection if self.flat else Line3DCollection
         lines = make(segments, **look)
@@ -82,9 +83,10 @@ class View:
         axes.plot(*line.T, color="0.45", linewidth=1.0, zorder=0.5)
 
     def add_faces(self, axes: Axes, corners: Any, **look: Any) -> Any:
-        """Draw faces, whose corners are in coordinates of the picture, without a change of limits.
+        """Draw faces in axes without changing their limits; return matplotlib's `PolyCollection`.
 
-        `look` has arguments of matplotlib's `PolyCollection`, which is returned.
+        `corners` are in coordinates of the picture (see `project`), and `look` has arguments of the
+        collection.
         """
         faces = (PolyCollection if self.flat else Poly3DCollection)(corners, **look)
         axes.add_collection(faces, autolim=False)
@@ -216,9 +218,9 @@ def round_factor(wanted: float) -> float:
 
 
 def _elevation_direction(points):
-    """Return the horizontal unit vector of an elevation, [3], and whether the structure is plane.
+    """Return the horizontal unit vector of an elevation, [3], and whether all points lie in it.
 
-    It is plane if all points lie in one vertical plane, which then has this direction.
+    Then they are in one vertical plane, which has this direction. `points` are [n, 3], m.
     """
     level = points[:, :2] - points[:, :2].mean(axis=0)
     size = np.ptp(level, axis=0)

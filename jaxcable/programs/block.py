@@ -20,14 +20,14 @@ _ENTRIES_PER_CALL = 1000  # entries that NumPy works on in the time that a call 
 
 
 class Value(NamedTuple):
-    """A value in the source.
+    """A value in the source text of a program.
 
     Attributes:
-        name: name in the source.
+        name: name of its variable or constant in the source.
         shape: shape that it has in jax's program, None for what is no array.
         dtype: its dtype.
-        held: the shape of the array that stands for it: `shape`, or with axes of length 1 where all
-            entries are alike, or () for a number. NumPy broadcasts it.
+        held: shape of the array that stands for it in the source: `shape`, or with length 1 along
+            axes where all entries are alike, or () for a number. NumPy broadcasts it.
         depth: depth of the block that computes it; 0 for constants.
     """
 
@@ -39,10 +39,16 @@ class Value(NamedTuple):
 
 
 class Names:
-    """Names of a program, and what they stand for.
+    """Names in the source of a program, and the constants and functions that they stand for.
+
+    Args:
+        functions: modules and functions that the source calls, by name.
+        make_function: makes a Python function of these names and a jaxpr, as
+            `writing.make_function`.
+        n_call: number of calls of each jaxpr in the program, by its address (`id`).
 
     Attributes:
-        space: the globals of its functions, with the values of constants.
+        space: globals of the program's functions, with the values of constants.
     """
 
     def __init__(
@@ -59,13 +65,14 @@ class Names:
         self._helpers: dict[Any, str] = {}
 
     def new(self, letter: str = "v") -> str:
-        """Return a name that is not used yet."""
+        """Return a name that is not used yet: a letter and a running number."""
         return f"{letter}{next(self._count)}"
 
     def constant(self, x: Any, shape: tuple[int, ...] | None = None) -> Value:
-        """Return a value for a known array or number; equal ones share a name.
+        """Return the `Value` of a known array or number; small equal ones share a name.
 
-        `shape` is that in jax's program if the array is held in a smaller one.
+        An array of equal entries is stored as a number. `shape` is that in jax's program, if `x` is
+        stored in a smaller one.
         """
         x = np.asarray(x)
         shape = x.shape if shape is None else shape
@@ -80,18 +87,20 @@ class Names:
             found = self._by_content[key] = Value(name, shape, x.dtype, held, 0)
         return found._replace(shape=shape)
 
-    def repeated(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """Return the array of a shape that a constant stands for, which NumPy would broadcast."""
+    def broadcast_constant(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """Return the array of full `shape` of the constant `name`, stored in a smaller one."""
         return np.array(np.broadcast_to(self.space[name], shape))
 
-    def function(self, program: Any) -> str:
+    def function_name(self, program: Any) -> str:
         """Return the name of the function that computes a jaxpr, written at its first call."""
-        return self.later(program, lambda: program)
+        return self.deferred_function_name(program, lambda: program)
 
-    def later(self, owner: Any, make: Callable[[], Any]) -> str:
-        """Return the name of a function; its jaxpr is made, and written, at its first call.
+    def deferred_function_name(self, owner: Any, make: Callable[[], Any]) -> str:
+        """Return the name of a function whose jaxpr is made, and written, when it is first called.
 
-        `owner` is an object that stands for the function: the same one has the same name.
+        Args:
+            owner: object that stands for the function: for the same one the name is the same.
+            make: returns the jaxpr.
         """
         key = id(owner)
         if key not in self._functions:
@@ -106,7 +115,7 @@ class Names:
         return self._functions[key][0]
 
     def add_calls(self, counts: dict[int, int]) -> None:
-        """Add the numbers of calls of jaxprs, by address, in a part that was traced later."""
+        """Add numbers of calls of jaxprs, by address (`id`), of a part that was traced later."""
         self._n_call = {**self._n_call, **counts}
 
     def is_called_once(self, jaxpr: Any) -> bool:
@@ -114,7 +123,7 @@ class Names:
         return self._n_call.get(id(jaxpr)) == 1
 
     def helper(self, make: Callable[..., Any], *static: Hashable) -> str:
-        """Return the name of the function ``make(*static)``, which is made once."""
+        """Return the name of the function that ``make(*static)`` returns, made once."""
         key = make, static
         name = self._helpers.get(key)
         if name is None:
@@ -125,17 +134,22 @@ class Names:
 
 
 def _is_uniform(x):
-    """Return whether all entries of an array are the same bits."""
+    """Return whether all entries of an array are equal bit by bit."""
     return x.tobytes() == x.reshape(-1)[:1].tobytes() * x.size
 
 
 class Block:
-    """A block of source: a function, the body of a loop, a branch.
+    """A block of Python source under construction: a function, the body of a loop, a branch.
 
     Args:
         names: `Names` of the program.
         parent: the block that contains it; None for a function.
         is_loop: whether it is the body of a loop.
+
+    Attributes:
+        depth: 1 for a function, one more for each block around.
+        lines: its lines; a pair is a header, such as that of a loop, with the block below it.
+        work: work of running the block once, in calls of a NumPy function.
     """
 
     def __init__(self, names: Names, parent: Block | None = None, is_loop: bool = False):
@@ -160,13 +174,17 @@ class Block:
         held: tuple[int, ...] | None = None,
         work: float | None = None,
     ) -> Value:
-        """Write an expression, and return its value.
+        """Write an assignment of an expression to a new variable, and return its value.
+
+        An expression of constants is computed now; one that is written already is not written
+        again; one that does not change in a loop is written before it.
 
         Args:
             template: the expression, with {0}, {1}, ... for the inputs.
-            inputs: values in it.
-            shape, dtype, held: as of `Value`; `held` is `shape` if it is None.
-            work: what it takes, in calls of a NumPy function; default: one, and its entries.
+            inputs: values in the expression.
+            shape, dtype, held: of the result, as of `Value`; `held` is `shape` if it is None.
+            work: work of the expression, in calls of a NumPy function; None: one, and one per 1000
+                entries.
         """
         held = shape if held is None else held
         entries = math.prod(held or ())
@@ -186,9 +204,14 @@ class Block:
     def write_call(
         self, text: str, inputs: Sequence[Value], avals: Sequence[Any], pure: bool = True
     ) -> list[Value]:
-        """Write a call that returns a tuple of arrays in full shapes; return their values.
+        """Write a call that returns a tuple of arrays in full shapes; return their values, a list.
 
-        `text` is a template; `avals` have the shapes and dtypes of the results.
+        Args:
+            text: template of the call, with {0}, {1}, ... for the inputs.
+            inputs: values in the call.
+            avals: abstract arrays with the shapes and dtypes of the results.
+            pure: whether equal calls have equal results and no effects, so that one of them is
+                enough.
         """
         names = tuple(x.name for x in inputs)
         block = self._outermost(inputs) if pure else self
@@ -209,22 +232,28 @@ class Block:
         return found
 
     def allocate(self, x: Value) -> None:
-        """Write that a variable is an array whose entries are set later."""
+        """Write the allocation of the array of a variable, without setting its entries."""
         self.lines.append(f"{x.name}=np.empty({x.shape},'{x.dtype}')")
 
-    def count_turns(self) -> None:
-        """Write, at the end of a loop's body, that the work of a turn is done."""
+    def write_work_count(self) -> None:
+        """Write, at the end of a loop's body, lines that count its work and stop at the limit."""
         self.lines += [f"w[0]+={round(self.work, 1)}", "if w[0]>w[1]: raise LimitReachedError"]
 
     def _outermost(self, inputs):
-        """Return the outermost block, around loops only, that has all inputs."""
+        """Return the outermost block, leaving loops only, in which all inputs are known.
+
+        There an expression of these inputs is computed once, not in every turn.
+        """
         block, depth = self, max((x.depth for x in inputs), default=0)
         while block.is_loop and depth < block.depth:
             block = block.parent
         return block
 
     def find(self, template: str, names: tuple[str, ...]) -> Any:
-        """Return what has been written for an expression, here or around; None if nothing has."""
+        """Return the value (or values) already written for an expression, here or in blocks around.
+
+        `template` and `names` are the expression and its inputs; None if it has not been written.
+        """
         block: Block | None = self
         while block is not None:
             found = block._written.get((template, names))
@@ -234,23 +263,23 @@ class Block:
         return None
 
     def assign(self, names: Sequence[str], values: Sequence[Value]) -> None:
-        """Write that variables get values, at once."""
+        """Write one assignment of values to variables with these names, all at once."""
         if names:
             self.lines.append(f"{','.join(names)}={','.join(x.name for x in values)}")
 
     def full(self, x: Value) -> Value:
-        """Return a value held in its full shape."""
+        """Return `x` as a value whose array has its full shape; broadcast, if it is smaller."""
         if x.shape is None or x.held == x.shape:
             return x
         if x.depth == 0:
-            name = self.names.helper(self.names.repeated, x.name, x.shape)
+            name = self.names.helper(self.names.broadcast_constant, x.name, x.shape)
             return Value(name, x.shape, x.dtype, x.shape, 0)
         ones = self.names.helper(np.ones, x.shape, x.dtype)
         sign = "&" if np.dtype(x.dtype) == bool else "*"
         return self.write(f"{{0}}{sign}{ones}", [x], x.shape, x.dtype)
 
     def render(self, indent: str = "") -> Iterator[str]:
-        """Yield the lines of the block."""
+        """Yield the lines of source of the block and of the blocks in it, each after `indent`."""
         for line in self.lines or ["pass"]:
             header, block = (line, None) if isinstance(line, str) else line
             yield indent + header

@@ -14,35 +14,44 @@ from .rules import NoRuleError, places, rule
 from .writing import count_calls, inner_jaxpr, write_callable, write_equations
 
 
-def _variable(block, aval):
-    """Return a new variable of a block that holds arrays of an abstract value."""
+def _new_variable(block, aval):
+    """Return a new variable of a block, a `Value` in the shape and dtype of an abstract array."""
     shape = tuple(aval.shape)
     return Value(block.names.new(), shape, np.dtype(aval.dtype), shape, block.depth)
 
 
-def _begin_carry(block, body, inner, initial, following):
-    """Return values of carried variables in the body of a loop, and the names that change.
+def _start_carry(block, body, inner, initial, following):
+    """Write initial values of the variables that a loop carries; return their values in its body.
 
     Args:
-        block, body: block with the loop, and its body.
-        inner: variables of the jaxpr for the values at the beginning of a turn.
-        initial: values at the first turn.
-        following: variables of the jaxpr for the values at the next turn.
+        block, body: block with the loop, and the loop's body.
+        inner: variables of the jaxpr for the values at the beginning of an iteration.
+        initial: values before the first iteration.
+        following: variables of the jaxpr for the values at its end.
+
+    Returns:
+        Values in the body, and those among them that change from iteration to iteration, two lists.
     """
     carried, changing = [], []
     for x, value, then in zip(inner, initial, following, strict=True):
         if then is x:  # it never changes
             carried.append(value)
             continue
-        own = _variable(body, x.aval)
+        own = _new_variable(body, x.aval)
         block.assign([own.name], [block.full(value)])
         carried.append(own)
         changing.append(own)
     return carried, changing
 
 
-def _end_carry(body, carried, changing, results):
-    """Write the end of a turn: carried variables get their next values."""
+def _write_next_carry(body, carried, changing, results):
+    """Write the end of a loop's body: carried variables get the values for the next iteration.
+
+    Args:
+        body: body of the loop.
+        carried, changing: results of `_start_carry`.
+        results: values of the carried variables at the end of the body.
+    """
     names = {x.name for x in changing}
     pairs = [
         (own.name, body.full(new))
@@ -54,9 +63,13 @@ def _end_carry(body, carried, changing, results):
 
 @rule("scan")
 def _scan(block, equation, inputs):
+    """Write ``scan`` as a ``for`` loop; of length 0 or 1 without a loop.
+
+    Stacked results are allocated before it, and set turn by turn.
+    """
     given = equation.params
     jaxpr, constants = inner_jaxpr(given["jaxpr"])
-    n_const, n_carry = internals.counts_of_scan(given)
+    n_const, n_carry = internals.scan_operand_counts(given)
     length, first = given["length"], n_const + n_carry
     shared, initial, xs = inputs[:n_const], inputs[n_const:first], inputs[first:]
     stacked = [x.aval for x in equation.outvars[n_carry:]]
@@ -68,7 +81,7 @@ def _scan(block, equation, inputs):
         body = block.child(is_loop=True)
         index = Value(block.names.new("i"), (), np.dtype(np.intp), (), body.depth)
         variables = jaxpr.invars[n_const:first], initial, jaxpr.outvars[:n_carry]
-        carried, changing = _begin_carry(block, body, *variables)
+        carried, changing = _start_carry(block, body, *variables)
     rows = [
         x._replace(shape=x.shape[1:])
         if x.held == ()
@@ -82,24 +95,28 @@ def _scan(block, equation, inputs):
             for x in found[n_carry:]
         ]
         return [*found[:n_carry], *ys]
-    ys = [_variable(block, aval) for aval in stacked]
+    ys = [_new_variable(block, aval) for aval in stacked]
     for own, value in zip(ys, found[n_carry:], strict=True):
         block.allocate(own)
         body.lines.append(f"{own.name}[{index.name}]={value.name}")
-    _end_carry(body, carried, changing, found[:n_carry])
+    _write_next_carry(body, carried, changing, found[:n_carry])
     order = f"range({length - 1},-1,-1)" if given["reverse"] else f"range({length})"
-    return [*_end_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
+    return [*_write_loop(block, body, f"for {index.name} in {order}:", carried, changing), *ys]
 
 
-def _end_loop(block, body, header, carried, changing):
-    """Write a loop with its body; return the values of carried variables after it."""
-    body.count_turns()
+def _write_loop(block, body, header, carried, changing):
+    """Write a loop, a header with its body; return the values of carried variables after it.
+
+    `carried` and `changing` are results of `_start_carry`.
+    """
+    body.write_work_count()
     block.lines.append((header, body))
     return [x._replace(depth=block.depth) if x in changing else x for x in carried]
 
 
 @rule("while")
 def _while(block, equation, inputs):
+    """Write ``while`` as an endless loop with a break; in a batch, cases that have ended stay."""
     given = equation.params
     test, of_test = inner_jaxpr(given["cond_jaxpr"])
     jaxpr, constants = inner_jaxpr(given["body_jaxpr"])
@@ -110,7 +127,7 @@ def _while(block, equation, inputs):
         inputs[n_test + n_body :],
     )
     body = block.child(is_loop=True)
-    carried, changing = _begin_carry(block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars)
+    carried, changing = _start_carry(block, body, jaxpr.invars[n_body:], initial, jaxpr.outvars)
     (goes_on,) = write_equations(body, test, of_test, [*for_test, *carried])
     goes_on = body.full(goes_on)
     any_ = f"{goes_on.name}.any()" if goes_on.shape else goes_on.name
@@ -118,7 +135,7 @@ def _while(block, equation, inputs):
     found = write_equations(body, jaxpr, constants, [*for_body, *carried])
     if goes_on.shape:  # of a batch: cases that have ended stay
         cases = len(goes_on.shape)
-        select = body.names.helper(_make_select, cases)
+        select = body.names.helper(_make_case_select, cases)
         found = [
             body.write(
                 f"{select}({{0}},{{1}},{{2}})",
@@ -128,12 +145,16 @@ def _while(block, equation, inputs):
             )
             for new, old in zip(found, carried, strict=True)
         ]
-    _end_carry(body, carried, changing, found)
-    return _end_loop(block, body, "while True:", carried, changing)
+    _write_next_carry(body, carried, changing, found)
+    return _write_loop(block, body, "while True:", carried, changing)
 
 
-def _make_select(n_axis):
-    """Return the function that takes new values in cases that go on, others before them."""
+def _make_case_select(n_axis):
+    """Return the function (goes_on, new, old) -> array that selects between values case by case.
+
+    ``goes_on`` is bool with `n_axis` axes, those of the batch; the values have these first. Cases
+    that go on get the new values, others keep the old ones.
+    """
 
     def select(goes_on, new, old):
         shape = goes_on.shape + (1,) * (np.ndim(new) - n_axis)
@@ -144,13 +165,14 @@ def _make_select(n_axis):
 
 @rule("cond")
 def _cond(block, equation, inputs):
+    """Write ``cond`` or ``switch`` as if, elif, else; a known index selects its branch now."""
     which, *operands = inputs
     branches = equation.params["branches"]
     if which.depth == 0:
         index = min(max(int(block.names.space[which.name]), 0), len(branches) - 1)
         return write_equations(block, *inner_jaxpr(branches[index]), operands)
     avals = [x.aval for x in equation.outvars]
-    results = [_variable(block, aval) for aval in avals]
+    results = [_new_variable(block, aval) for aval in avals]
     names = [x.name for x in results]
     for k, branch in enumerate(branches):
         own = block.child()
@@ -169,6 +191,10 @@ def _cond(block, equation, inputs):
 @rule("jit", "closed_call", "eval_jaxpr", "remat2", "checkpoint")
 @rule("custom_jvp_call", "custom_vjp_call", "custom_vmap_call")
 def _call(block, equation, inputs):
+    """Write a call of a jaxpr: a function under `jax.jit`, a checkpoint, one with own derivatives.
+
+    Rules of derivatives do not matter here.
+    """
     given = equation.params
     names = ("jaxpr", "call_jaxpr", "call", "fun_jaxpr")
     program = next(given[name] for name in names if name in given)
@@ -177,6 +203,7 @@ def _call(block, equation, inputs):
 
 @rule("call_hi_primitive")  # of jax 0.12, where `lax.custom_root` is one
 def _high_level_call(block, equation, inputs):
+    """Write a primitive that jax 0.12 states by a function of others, traced here."""
     expand = functools.partial(equation.primitive.to_lojax, **equation.params)
     shapes = [
         jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype, weak_type=x.aval.weak_type)
@@ -188,6 +215,7 @@ def _high_level_call(block, equation, inputs):
 
 @rule("custom_linear_solve")
 def _linear_solve(block, equation, inputs):
+    """Write ``custom_linear_solve`` as a call of its function that solves."""
     counts = equation.params["const_lengths"]
     n = [counts.matvec, counts.vecmat, counts.solve, counts.transpose_solve]
     first = sum(n[:2])
@@ -198,6 +226,7 @@ def _linear_solve(block, equation, inputs):
 
 @rule("platform_index")
 def _platform_index(block, equation, _):
+    """Return the constant index of the branch for CPUs."""
     for k, platforms in enumerate(equation.params["platforms"]):
         if platforms is None or "cpu" in platforms:
             return [block.names.constant(np.int32(k))]
@@ -209,6 +238,7 @@ def _platform_index(block, equation, _):
 
 @rule("ffi_call")
 def _host_call(block, equation, inputs):
+    """Write a call through XLA's foreign function interface as a call of its NumPy function."""
     given, avals = equation.params, [x.aval for x in equation.outvars]
     function = host_calls.function_of_call_name(given["target_name"])
     return write_host_call(block, function, inputs, avals, not given["has_side_effect"])
@@ -216,6 +246,7 @@ def _host_call(block, equation, inputs):
 
 @rule("pure_callback", "io_callback", "debug_callback")
 def _callback(block, equation, inputs):
+    """Write a callback of jax as a call of its Python function, with copies of the arrays."""
     avals = [x.aval for x in equation.outvars]
     function = equation.params["callback"]
     pure = equation.primitive.name == "pure_callback"
@@ -223,10 +254,17 @@ def _callback(block, equation, inputs):
 
 
 def write_host_call(block, function, inputs, avals, pure, copies=False):
-    """Write a call of a NumPy function that returns a sequence of arrays.
+    """Write a call of a NumPy function, and return the values of its results, a list.
 
-    With `copies` it gets arrays of its own, and may keep those that it returns: it is a user's,
-    which may change them.
+    Args:
+        block: `Block` in which it is written.
+        function: NumPy function that returns a sequence of arrays.
+        inputs: values of its arguments.
+        avals: abstract arrays with the shapes and dtypes of the results.
+        pure: whether it has no side effects; otherwise NumPy runs the program to its end after the
+            call.
+        copies: whether it gets arrays of its own, and may keep those that it returns: a user's
+            function, which may change them.
     """
     shapes = tuple((tuple(a.shape), np.dtype(a.dtype)) for a in avals)
     helper = block.names.helper(_make_host_call, function, shapes, copies)
@@ -238,7 +276,11 @@ def write_host_call(block, function, inputs, avals, pure, copies=False):
 
 
 def _make_host_call(function, shapes, copies):
-    """Return the function that calls a NumPy function with arrays, and checks what it returns."""
+    """Return the function that calls a NumPy function, with results in given shapes and dtypes.
+
+    `shapes` has a pair (shape, dtype) for each result; with `copies` arguments and results are
+    copied.
+    """
     array = np.array if copies else np.asarray
 
     def call(*arrays):
@@ -260,7 +302,7 @@ def write_by_tracing(block, equation, inputs):
 
 @rule("deferred")
 def _deferred(block, equation, inputs):
-    """Write a call of a function that is traced when it is first called."""
+    """Write a call of a deferred function (`common.deferred`), traced when it is first called."""
     avals = [jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype) for x in equation.invars]
     function = equation.params["function"]
 
@@ -269,6 +311,6 @@ def _deferred(block, equation, inputs):
         block.names.add_calls(count_calls(program))
         return program
 
-    name = block.names.later(function, make)
+    name = block.names.deferred_function_name(function, make)
     results = [x.aval for x in equation.outvars]
     return block.write_call(f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs], results)

@@ -77,11 +77,11 @@ class evaluation:  # noqa: N801  (called as a function, used in a `with` block)
         _ways[0] = self._before
 
 
-def way_now() -> Way:
+def current_way() -> Way:
     """Return how programs run now: "numpy" for as long as NumPy can, "xla", or "auto".
 
-    Accelerators, several devices, and loops that are fused need compiled programs. Within a call
-    of the host by a compiled program there is NumPy only.
+    It is the setting of `evaluation`, except: accelerators, several devices and fused loops need
+    compiled programs, and a function that a compiled program calls on the host needs NumPy.
     """
     if is_within_host_call():
         return "numpy"
@@ -90,19 +90,28 @@ def way_now() -> Way:
     return _ways[0]
 
 
-def is_compiled(way: Way, work: float, n_equation: int) -> bool:
-    """Tell whether a program is to be compiled, after earlier calls have done some `work`."""
+def is_worth_compiling(way: Way, work: float, n_equation: int) -> bool:
+    """Tell whether a program is compiled, after earlier calls by NumPy have done some `work`.
+
+    `work` is in calls of NumPy functions, and `n_equation` the number of equations to compile.
+    """
     return way == "xla" or (way == "auto" and work > _OVER_CALLS * _COMPILING * n_equation)
 
 
-def most_work(way: Way, n_equation: int) -> float:
-    """Return the work that a call may do by NumPy."""
+def work_limit(way: Way, n_equation: int) -> float:
+    """Return the work that NumPy may do in one call of a program before the call is compiled.
+
+    It is in calls of NumPy functions; infinite if `way` is "numpy".
+    """
     return float("inf") if way == "numpy" else _IN_A_CALL * _COMPILING * n_equation
 
 
 @contextlib.contextmanager
 def within_host_call() -> Iterator[None]:
-    """Have NumPy evaluate all programs in this block, in this thread, to arrays of NumPy."""
+    """Have NumPy evaluate all programs in a ``with`` block of this thread, without arrays of jax.
+
+    For functions that a compiled program calls on the host: XLA may wait for their end.
+    """
     _thread.host_calls = getattr(_thread, "host_calls", 0) + 1
     try:
         yield

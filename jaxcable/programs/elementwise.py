@@ -44,12 +44,17 @@ _MOST_CASES = 64  # among which `np.choose` can choose
 
 
 def write_each(block: Block, template: str, inputs: Sequence[Value], equation: Any) -> list[Value]:
-    """Write an operation on each entry of its inputs, the first result of an equation."""
+    """Write an expression of the entries of its inputs; return its value, a list of one.
+
+    It is the first result of the equation. `template` has {0}, {1}, ... for the inputs, which NumPy
+    broadcasts.
+    """
     held = np.broadcast_shapes(*(x.held or () for x in inputs))
     return [block.write(template, inputs, *result_of(equation), held)]
 
 
 def _write_template(template, block, equation, inputs):
+    """Write an operation with a fixed template; a rule once the template is bound."""
     return write_each(block, template, inputs, equation)
 
 
@@ -58,36 +63,42 @@ for _name, _template in _TEMPLATES.items():
 
 
 @rule("copy", "stop_gradient", "optimization_barrier")
-def _same(block, equation, inputs):
+def _identity(block, equation, inputs):
+    """Return the inputs: copies and barriers do nothing here."""
     return inputs
 
 
 @rule("div", "rem")
 def _divide(block, equation, inputs):
+    """Write a quotient or remainder; integers are divided as XLA does, towards zero."""
     by_dtype = _INTEGER_TEMPLATES if inputs[0].dtype.kind in "iu" else _TEMPLATES_OF_FLOATS
     return write_each(block, by_dtype[equation.primitive.name], inputs, equation)
 
 
 @rule("pow")
 def _pow(block, equation, inputs):
+    """Write a power with a computed exponent."""
     cast = "" if inputs[0].dtype == inputs[1].dtype else f".astype('{inputs[0].dtype}')"
     return write_each(block, f"np.power({{0}},{{1}}{cast})", inputs, equation)
 
 
 @rule("integer_pow")
 def _integer_pow(block, equation, inputs):
+    """Write a power with a static integer exponent; small ones as products."""
     exponent = equation.params["y"]
     return write_each(block, _PRODUCTS.get(exponent, f"{{0}}**{exponent}"), inputs, equation)
 
 
 @rule("round")
 def _round(block, equation, inputs):
+    """Write a rounding to integers: halves to even, or away from zero."""
     to_even = int(equation.params["rounding_method"]) == 1
     return write_each(block, "np.rint({0})" if to_even else _ROUNDED, inputs, equation)
 
 
 @rule("convert_element_type")
-def _convert(block, equation, inputs):
+def _convert_dtype(block, equation, inputs):
+    """Write a conversion to another dtype; from floats to integers as XLA, within their range."""
     (x,), new = inputs, numpy_dtype(equation.outvars[0].aval)
     if x.dtype == new:
         return [x]
@@ -105,7 +116,7 @@ def _convert(block, equation, inputs):
 
 @rule("reduce_precision")
 def _reduce_precision(block, equation, inputs):
-    """Round to fewer bits, halves to even."""
+    """Write a rounding to fewer bits of the mantissa, halves to even."""
     about, given, size = np.finfo(inputs[0].dtype), equation.params, inputs[0].dtype.itemsize
     dropped = about.nmant - given["mantissa_bits"]
     if given["exponent_bits"] != about.nexp or dropped < 0:
@@ -120,6 +131,7 @@ def _reduce_precision(block, equation, inputs):
 
 @rule("select_n")
 def _select(block, equation, inputs):
+    """Write ``select_n``: by a computed index, one of several cases for each entry or for all."""
     which, *cases = inputs
     if which.held == ():  # one case for all entries
         if which.depth == 0:

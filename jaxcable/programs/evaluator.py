@@ -14,9 +14,9 @@ from .writing import LimitReachedError, count_calls, inner_jaxprs, make_function
 
 
 def count_equations(program: Any) -> int:
-    """Return the number of equations of a closed jaxpr, those of every call counted.
+    """Return the number of equations of a closed jaxpr, counting those of a function at each call.
 
-    What is deferred (`common.deferred`) counts as one: it is not traced yet.
+    A deferred function (`common.deferred`) counts as one: it is not traced yet.
     """
     known: dict[int, int] = {}
 
@@ -56,5 +56,8 @@ def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], list[n
 
 
 def _is_shared(x, inputs):
-    """Tell whether an array is a view of another one, an input, or read-only."""
+    """Tell whether a result of NumPy must be copied: it is a view of another array, or an input.
+
+    `inputs` are the addresses (`id`) of the inputs.
+    """
     return isinstance(x, np.ndarray) and (x.base is not None or id(x) in inputs)

@@ -14,39 +14,46 @@ import numpy as np
 from .rules import result_of, rule
 
 
-def _mode(equation):
-    """Return "clip" or "fill": what is done with indices outside."""
+def _outside_mode(equation):
+    """Return what is done with indices outside: "clip" (moved inside) or "fill" (dropped)."""
     name = str(equation.params["mode"]).upper()
     return "fill" if "FILL" in name or "DROP" in name else "clip"
 
 
 @rule("gather")
 def _gather(block, equation, inputs):
+    """Write a gather: entries, rows or windows of an array at computed indices."""
     (x, indices), given = inputs, equation.params
     shape, numbers = result_of(equation)[0], given["dimension_numbers"]
-    fills, sizes = _mode(equation) == "fill", tuple(given["slice_sizes"])
+    fills, sizes = _outside_mode(equation) == "fill", tuple(given["slice_sizes"])
     if not x.held and not fills:
         return [x._replace(shape=shape)]
     value = block.names.constant(_fill_value(given["fill_value"], x.dtype))
     if not math.prod(x.shape):
         return [value._replace(shape=shape)]
     axis = _axis_of_rows(numbers, sizes, x.shape, indices.shape, shape)
-    make = _make_indices, numbers, sizes, x.shape, axis, len(shape)
-    prepared = _prepare(block, make, indices)
+    make = _make_gather_indices, numbers, sizes, x.shape, axis, len(shape)
+    prepared = _write_preparation(block, make, indices)
     text = "{0}.reshape(-1).take({1}[0])" if axis is None else f"{{0}}.take({{1}}[0],{axis})"
     if fills:
-        text = f"{block.names.helper(lambda: _fill)}({text},{{1}}[1],{value.name})"
+        text = f"{block.names.helper(lambda: _fill_outside)}({text},{{1}}[1],{value.name})"
     return [block.write(text, [block.full(x), prepared], shape, x.dtype)]
 
 
-def _prepare(block, make, indices):
-    """Write the preparation of indices, ``make[0](*make[1:])``."""
+def _write_preparation(block, make, indices):
+    """Write the preparation of `indices` by ``make[0](*make[1:])``; return the prepared value."""
     function = block.names.helper(*make)
     return block.write(f"{function}({{0}})", [block.full(indices)], None, None, work=4)
 
 
 def _axis_of_rows(numbers, sizes, whole, indices, shape):
-    """Return the axis if the gather takes rows along one axis, in their places; else None."""
+    """Return the axis along which a gather takes whole rows, without moving other axes; else None.
+
+    Args:
+        numbers: dimension numbers of the gather (jax).
+        sizes: sizes of the slices along each axis of the array.
+        whole, indices, shape: shapes of the array, of the indices, and of the result.
+    """
     if numbers.operand_batching_dims or len(numbers.start_index_map) != 1:
         return None
     (axis,) = numbers.start_index_map
@@ -59,12 +66,16 @@ def _axis_of_rows(numbers, sizes, whole, indices, shape):
     return axis if list(numbers.offset_dims) == offsets else None
 
 
-def _make_indices(numbers, sizes, whole, axis, n_axis):
-    """Return the function that prepares the indices of what a gather takes, and which are inside.
+def _make_gather_indices(numbers, sizes, whole, axis, n_axis):
+    """Return the function that prepares the indices of a gather: (indices into the array, mask).
 
-    These are flat indices of all entries or, if it takes rows along an axis, those of rows. All are
-    moved inside; None instead of a mask means that all have been there. `n_axis` is that of the
-    result.
+    They are flat indices of all entries of the result or, if it takes rows along `axis`, indices of
+    rows. All are moved inside of the array; the mask says which ones were inside, None if all were.
+
+    Args:
+        numbers, sizes, whole: as of `_axis_of_rows`.
+        axis: axis of the rows, or None.
+        n_axis: number of axes of the result.
     """
     moving, gone = numbers.start_index_map, set(numbers.collapsed_slice_dims)
     batching = dict(
@@ -82,7 +93,7 @@ def _make_indices(numbers, sizes, whole, axis, n_axis):
 
     def prepare(indices):
         flat, inside = _flat_indices(indices, whole, sizes, moving, batching, windows)
-        order = _places_of_batch(numbers.offset_dims, flat.ndim)
+        order = _window_axis_order(numbers.offset_dims, flat.ndim)
         inside = None if inside.all() else np.broadcast_to(inside, flat.shape).transpose(order)
         return flat.transpose(order), inside
 
@@ -90,10 +101,12 @@ def _make_indices(numbers, sizes, whole, axis, n_axis):
 
 
 def _flat_indices(indices, whole, sizes, moving, batching, windows):
-    """Return flat indices with the axes of the batch first, and which windows are inside.
+    """Return flat indices of entries in windows, with axes of the batch first, and a mask.
+
+    The mask is True for windows that are inside of the array; others are moved inside.
 
     Args:
-        indices: [*batch, n]: where windows begin, along the axes `moving`.
+        indices: [*batch, n], where windows begin, along the axes `moving`.
         whole, sizes: shapes of the array, and of a window.
         moving: axes of the array that the last axis of `indices` is for.
         batching: axes of the array by which it is mapped, each with the axis of `indices`.
@@ -116,20 +129,27 @@ def _flat_indices(indices, whole, sizes, moving, batching, windows):
     return flat, inside
 
 
-def _places_of_batch(offsets, n):
-    """Return the order of axes that puts those of windows to `offsets`, others in between."""
+def _window_axis_order(offsets, n):
+    """Return the order of `n` axes that moves those of windows, the last ones, to `offsets`.
+
+    Axes of the batch, the first ones, keep their order in between.
+    """
     n_batch = n - len(offsets)
     batch, window = iter(range(n_batch)), iter(range(n_batch, n))
     return [next(window) if k in offsets else next(batch) for k in range(n)]
 
 
-def _fill(x, inside, value):
-    """Return an array with a value in place of entries that are not `inside` (None: all are)."""
+def _fill_outside(x, inside, value):
+    """Return `x` with `value` in place of entries that are not `inside` (a mask; None: all are)."""
     return x if inside is None else np.where(inside, x, value)[()]
 
 
 def _fill_value(value, dtype):
-    """Return what stands for entries outside of an array, as jax has it."""
+    """Return the number that jax reads outside of an array: `value`, or None for a default.
+
+    Default is NaN of floats, the largest of unsigned and the smallest of signed integers, True of
+    bool.
+    """
     if value is None and dtype.kind in "iu":
         limits = np.iinfo(dtype)
         value = limits.min if dtype.kind == "i" else limits.max
@@ -144,10 +164,11 @@ _OPERATIONS |= {"min": np.minimum, "max": np.maximum}
 
 @rule("scatter", *(f"scatter{sign}{name}" for sign in "-_" for name in _OPERATIONS if name))
 def _scatter(block, equation, inputs):
+    """Write a scatter: updates that are set, added, multiplied ... at computed indices."""
     x, indices, updates = inputs
-    numbers, clips = equation.params["dimension_numbers"], _mode(equation) == "clip"
-    make = _make_flat_places, numbers, x.shape, updates.shape, clips
-    prepared = _prepare(block, make, indices)
+    numbers, clips = equation.params["dimension_numbers"], _outside_mode(equation) == "clip"
+    make = _make_scatter_indices, numbers, x.shape, updates.shape, clips
+    prepared = _write_preparation(block, make, indices)
     operation = _OPERATIONS[equation.primitive.name[len("scatter_") :]]
     function = block.names.helper(_make_scatter, operation, x.shape)
     inputs, text = [prepared, block.full(updates)], f"{function}(None,{{0}},{{1}})"
@@ -158,11 +179,16 @@ def _scatter(block, equation, inputs):
     return [block.write(text, inputs, x.shape, x.dtype, work=3)]
 
 
-def _make_flat_places(numbers, whole, updates, clips):
-    """Return the function that prepares flat indices of all entries that a scatter sets.
+def _make_scatter_indices(numbers, whole, updates, clips):
+    """Return the function that prepares the indices of a scatter: (flat indices, axes, mask).
 
-    The result has these indices, [n], and the order of axes and the mask by which the updates
-    become [n]; None for none.
+    The flat indices, [n], are those of all entries that are changed. The updates become [n] by the
+    order of their axes and by the mask of those inside; None where this changes nothing.
+
+    Args:
+        numbers: dimension numbers of the scatter (jax).
+        whole, updates: shapes of the array, and of the updates.
+        clips: whether windows outside are moved inside, not dropped.
     """
     batching = dict(
         zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)
@@ -189,9 +215,10 @@ def _make_flat_places(numbers, whole, updates, clips):
 
 
 def _make_scatter(operation, shape):
-    """Return the function that scatters updates to a copy of an array of this shape.
+    """Return the function (array, prepared indices, updates) -> copy of the array with updates.
 
-    None in place of the array is one of zeros, to which float64 are added.
+    `operation` is NumPy's function that combines entries and updates, None to replace entries;
+    `shape` is that of the array. Array None stands for zeros, to which float64 updates are added.
     """
 
     def scatter(x, prepared, updates):

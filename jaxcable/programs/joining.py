@@ -21,7 +21,10 @@ _T = TypeVar("_T")
 
 
 def stack_trees(trees: Sequence[_T]) -> _T:
-    """Stack the leaves of equal trees along a new first axis, by NumPy unless one is traced."""
+    """Stack the leaves of pytrees of one structure along a new first axis.
+
+    By NumPy, unless a leaf is traced.
+    """
 
     def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
@@ -59,11 +62,12 @@ def add_to_zeros(
     shape: tuple[int, ...],
     dtype: Any,
 ) -> Float[Array, " ..."]:
-    """Return zeros of a shape to which values are added at rows, a row for each of them.
+    """Return an array of zeros to some of whose rows values are added.
 
     Args:
-        parts: values, [k] or [n, k], and the number of their first column.
-        rows: rows to which they are added, [n].
+        parts: pairs of values, [k] or [n, k], and the index of the first column that they are added
+            to.
+        rows: row for each of the n values, [n]; repeated rows sum up.
         shape, dtype: of the result, (n_row, n_column).
     """
     total = jnp.zeros(shape, dtype)

@@ -15,7 +15,12 @@ MOST_PROGRAMS = 32
 
 
 class KnownPrograms:
-    """The last `MOST_PROGRAMS` programs of a function, or made of a program, by key."""
+    """The last 32 programs of a function, or made of a program, by key; thread-safe.
+
+    Attributes:
+        every: all objects of this class, so that `forget_programs` empties them.
+        programs: the programs by key, the last used one last.
+    """
 
     every: ClassVar[weakref.WeakSet[KnownPrograms]] = weakref.WeakSet()
 
@@ -25,7 +30,7 @@ class KnownPrograms:
         self.every.add(self)
 
     def find(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return the program of a key, made by `make` if it is not known."""
+        """Return the program of a key; if it is not known, make it by `make` and store it."""
         with self._lock:
             program = self.programs.pop(key, None) or make()
             self.programs[key] = program  # as the last one
@@ -36,6 +41,6 @@ class KnownPrograms:
 
 @on_forget_programs
 def _forget():
-    """Forget the programs of all functions."""
+    """Empty all `KnownPrograms`, as `forget_programs` does."""
     for known in list(KnownPrograms.every):
         known.programs.clear()

@@ -12,26 +12,34 @@ from .rules import NoRuleError, places, result_of, rule, write_full
 
 @rule("dot_general")
 def _dot_general(block, equation, inputs):
+    """Write a product of arrays, with sums over given axes and axes of a batch."""
     (shape, dtype), numbers = result_of(equation), equation.params["dimension_numbers"]
     (of_a, of_b), (batch_a, _) = numbers
-    a, b = (_converted(block, block.full(x), dtype) for x in inputs)
+    a, b = (_write_cast(block, block.full(x), dtype) for x in inputs)
     plain = not batch_a and len(of_a) == 1 and max(len(a.shape), len(b.shape)) <= 2
     if plain and len(a.shape) and len(b.shape):
         left = "{0}" if of_a[0] == len(a.shape) - 1 else "{0}.T"
         right = "{1}" if of_b[0] == 0 else "{1}.T"
         text = f"{left}.dot({right})"
     else:
-        text = _stacked_product(a.shape, b.shape, shape, numbers)
+        text = _matmul_expression(a.shape, b.shape, shape, numbers)
     return [block.write(text, [a, b], shape, dtype)]
 
 
-def _converted(block, x, dtype):
-    """Return a factor in the dtype of the product, so that sums have its range and its digits."""
+def _write_cast(block, x, dtype):
+    """Write a factor of a product in the dtype of the product, and return its value.
+
+    So sums have the range and the digits of the product.
+    """
     return x if x.dtype == dtype else block.write(f"{{0}}.astype('{dtype}')", [x], x.shape, dtype)
 
 
-def _stacked_product(shape_a, shape_b, shape, numbers):
-    """Return the expression of a product of arrays as one of two stacks of matrices."""
+def _matmul_expression(shape_a, shape_b, shape, numbers):
+    """Return the text of ``dot_general`` as NumPy's product of two stacks of matrices.
+
+    `shape_a`, `shape_b` and `shape` are those of the factors and the product, and `numbers` its
+    dimension numbers (jax).
+    """
     (of_a, of_b), (batch_a, batch_b) = numbers
     free_a = [k for k in range(len(shape_a)) if k not in (*of_a, *batch_a)]
     free_b = [k for k in range(len(shape_b)) if k not in (*of_b, *batch_b)]
@@ -58,11 +66,12 @@ def _stacked_product(shape_a, shape_b, shape, numbers):
 # --- factors
 
 
-def _by_lapack(name, n_core=2):
-    """Register what returns the function of a primitive for one matrix (a decorator).
+def _lapack_rule(name, n_core=2):
+    """Register the rule of a primitive by a function for one matrix (a decorator).
 
-    It is called with the letter of the dtype in names of LAPACK and the parameters of the equation.
-    The function is mapped over leading axes of its arguments; the last `n_core` are of one matrix.
+    The decorated function gets the letter of the dtype in names of LAPACK and the parameters of the
+    equation, and returns the function of one matrix. That is mapped over leading axes; the last
+    `n_core` axes of each argument are those of one case.
     """
 
     def register(make):
@@ -74,7 +83,7 @@ def _by_lapack(name, n_core=2):
             letter = {"float32": "s", "float64": "d", "int32": ""}.get(inputs[0].dtype.name)
             if letter is None or any(not math.prod(x.shape) for x in inputs):
                 raise NoRuleError(f"{name} of {inputs[0].dtype} in shape {inputs[0].shape}")
-            function = block.names.helper(_for_each, make(letter, equation.params), n_core)
+            function = block.names.helper(_map_over_batch, make(letter, equation.params), n_core)
             text = f"{function}({places(inputs)})"
             if len(avals) == 1:
                 return write_full(block, equation, text, inputs, work=4)
@@ -83,7 +92,7 @@ def _by_lapack(name, n_core=2):
     return register
 
 
-def _for_each(function, n_core):
+def _map_over_batch(function, n_core):
     """Return `function` mapped over leading axes; the last `n_core` axes are those of a case."""
 
     def mapped(*arrays):
@@ -99,8 +108,9 @@ def _for_each(function, n_core):
     return mapped
 
 
-@_by_lapack("cholesky")
+@_lapack_rule("cholesky")
 def _cholesky(letter, _):
+    """Return the function from a matrix to its lower Cholesky factor; NaN if indefinite."""
     factorize = getattr(lapack, f"{letter}potrf")
 
     def cholesky(a):
@@ -110,8 +120,9 @@ def _cholesky(letter, _):
     return cholesky
 
 
-@_by_lapack("triangular_solve")
+@_lapack_rule("triangular_solve")
 def _triangular_solve(letter, given):
+    """Return the function (a, b) that solves with a triangular matrix, from left or right."""
     solve, right = getattr(blas, f"{letter}trsm"), not given["left_side"]
     lower, transposed, unit = given["lower"], given["transpose_a"], given["unit_diagonal"]
 
@@ -124,32 +135,35 @@ def _triangular_solve(letter, given):
     return triangular_solve
 
 
-@_by_lapack("lu")
+@_lapack_rule("lu")
 def _lu(letter, _):
+    """Return the function from a matrix to its LU factors, pivots and order of rows."""
     factorize = getattr(lapack, f"{letter}getrf")
 
     def lu(a):
         factor, pivots, _ = factorize(a)
-        return factor, pivots.astype(np.int32), _row_order(pivots, len(a))
+        return factor, pivots.astype(np.int32), _row_permutation(pivots, len(a))
 
     return lu
 
 
-@_by_lapack("lu_pivots_to_permutation", n_core=1)
+@_lapack_rule("lu_pivots_to_permutation", n_core=1)
 def _permutation(_, given):
-    return lambda pivots: _row_order(pivots, given["permutation_size"])
+    """Return the function from the pivots of LU factors to the order of rows."""
+    return lambda pivots: _row_permutation(pivots, given["permutation_size"])
 
 
-def _row_order(pivots, size):
-    """Return the order of rows that pivots of LU factors stand for, [size] int32."""
+def _row_permutation(pivots, size):
+    """Return the order of rows that LAPACK's pivots of LU factors stand for, [size] int32."""
     order = np.arange(size, dtype=np.int32)
     for i, k in enumerate(pivots):
         order[i], order[k] = order[k], order[i]
     return order
 
 
-@_by_lapack("eigh")
+@_lapack_rule("eigh")
 def _eigh(letter, given):
+    """Return the function from a symmetric matrix to eigenvectors and values; NaN if it fails."""
     solve, lower = getattr(lapack, f"{letter}syevd"), int(given["lower"])
     if given.get("subset_by_index") is not None:
         raise NoRuleError("some of the eigenvalues")
@@ -163,8 +177,9 @@ def _eigh(letter, given):
     return eigh
 
 
-@_by_lapack("qr")
+@_lapack_rule("qr")
 def _qr(_, given):
+    """Return the function from a matrix to its QR factors."""
     if given.get("pivoting"):
         raise NoRuleError("qr with pivoting")
     mode = "complete" if given["full_matrices"] else "reduced"

@@ -8,25 +8,28 @@ from typing import Any
 from ..common import digest
 
 
-def own_code(tree: Any) -> str | None:
-    """Return a digest of the code of users' classes in a structure of arguments, as of now.
+def user_code_digest(tree: Any) -> str | None:
+    """Return a digest of the code of users' classes among arguments of a program, as of now.
 
-    It covers what their methods read from outside, which may have changed since the last call.
-    None if all classes are of the package or of libraries.
+    It covers what their methods read from outside, which may have changed since the last call. None
+    if all classes are of the package or of libraries.
 
     Args:
-        tree: structure of a pytree (`jax.tree.structure`).
+        tree: structure of the pytree of arguments (`jax.tree.structure`).
     """
     try:
-        own = _objects_of_users(tree)
+        own = _user_objects(tree)
     except TypeError:  # not hashable: with traced indices
-        own = _objects_of_users.__wrapped__(tree)
+        own = _user_objects.__wrapped__(tree)
     return digest.of_host_function(own) if own else None
 
 
 @functools.lru_cache(maxsize=256)
-def _objects_of_users(tree):
-    """Return users' classes of the nodes of a tree, and users' objects in static fields."""
+def _user_objects(tree):
+    """Return users' classes and functions in a tree structure: its nodes and their static fields.
+
+    A tuple without repetition.
+    """
     found = []
 
     def add(value):

@@ -31,7 +31,9 @@ _SMALL = 300
 
 @held_weakly
 class Program:
-    """A function of arrays of certain shapes. It is traced when it is first needed.
+    """A function of arrays of certain shapes, traced once, which NumPy evaluates or XLA compiles.
+
+    It is traced when it is first needed.
 
     Args:
         function: function of arrays to a pytree of arrays.
@@ -40,8 +42,8 @@ class Program:
 
     Attributes:
         arguments: shapes and dtypes of its arguments, as jax traces it.
-        known: what has been made of it, see `derived`.
-        work: work that NumPy has done with it, see `decision`.
+        known: programs that were made of it, see `derived`.
+        work: work that NumPy has done with it in all calls, see `decision`.
     """
 
     def __init__(
@@ -61,7 +63,10 @@ class Program:
         self._lock = threading.RLock()
 
     def function(self, *leaves: Array) -> list[Array]:
-        """Return the leaves of what the function returns, for tracing."""
+        """Return the results for arrays, which may be traced, as a list of leaves.
+
+        The function is traced by this call only if it has not been before.
+        """
         if "traced" in self.__dict__:  # its equations: what it calls is not traced again
             return internals.function_of_jaxpr(self.traced.jaxpr)(*leaves)
         found, self._tree = jax.tree.flatten(self._function(*leaves))
@@ -69,14 +74,14 @@ class Program:
 
     @functools.cached_property
     def traced(self) -> Any:
-        """The function as jax has traced it (of `jax.stages`)."""
+        """The function as `jax.jit` has traced it (of `jax.stages`)."""
         with self._lock, without_garbage_collection(), internals.same_context_as_outside():
             function = self.function  # a new object: jax forgets the trace together with it
             return jax.jit(function).trace(*self.arguments)
 
     @property
     def tree(self) -> Any:
-        """Tree of what the function returns; it has been traced."""
+        """Structure of the pytree that the function returns; None before it is traced."""
         return self._tree
 
     @property
@@ -85,17 +90,20 @@ class Program:
         return self._avals or list(self.traced.jaxpr.out_avals)
 
     def derived(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what has been made of this program under a key, such as its derivative."""
+        """Return the program under a key that was made of this one, such as its derivative.
+
+        `make` makes it if it is not known.
+        """
         return self.known.find(key, make)
 
     @functools.cached_property
     def n_equation(self) -> int:
-        """Number of equations that XLA would compile, those of every call counted."""
+        """Number of equations of the program, counting those of a function at each call."""
         return count_equations(self.traced.jaxpr)
 
     def run(self, leaves: Sequence[Any]) -> list[Array]:
-        """Return the leaves of the results for known arrays."""
-        way = decision.way_now()
+        """Return the results for known arrays, a list, by NumPy or by XLA (see `decision`)."""
+        way = decision.current_way()
         if way == "numpy" or (way == "auto" and self._xla is None):
             found = self._run_by_numpy(way, leaves)
             if found is not None and decision.is_within_host_call():
@@ -116,10 +124,14 @@ class Program:
         return self._xla(*leaves)
 
     def _run_by_numpy(self, way, leaves):
-        """Return the results by NumPy; None if the program is to be compiled."""
-        if not self._has_rules or decision.is_compiled(way, self.work, self.n_equation):
+        """Return the results by NumPy, a list; None if the program is to be compiled.
+
+        That is so if a primitive has no rule, or the limit of work is reached, as `way` ("auto" or
+        "numpy") has it.
+        """
+        if not self._has_rules or decision.is_worth_compiling(way, self.work, self.n_equation):
             return None
-        work = [0.0, decision.most_work(way, self.n_equation)]
+        work = [0.0, decision.work_limit(way, self.n_equation)]
         try:
             return self.evaluate(leaves, work)
         except LimitReachedError:
@@ -131,7 +143,7 @@ class Program:
             self.work += work[0]
 
     def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
-        """Return the results by NumPy; arguments and errors as of `evaluator.write_program`."""
+        """Return the results by NumPy; `work` and errors are those of `evaluator.write_program`."""
         with self._lock:
             if self._numpy is None:
                 with without_garbage_collection():
@@ -141,11 +153,11 @@ class Program:
 
 @held_weakly
 class MappedProgram(Program):
-    """A program mapped over a batch. NumPy evaluates few cases one by one, which needs no tracing.
+    """A program mapped over a batch of cases; NumPy evaluates few cases of a large one one by one.
 
     Args:
-        base: `Program` of a case.
-        axes: axis of every argument along which the cases are, None for what they share.
+        base: `Program` of one case.
+        axes: axis of each argument along which the cases are, None for what they share.
         leaves: arguments of the batch, in their shapes.
     """
 
@@ -161,14 +173,14 @@ class MappedProgram(Program):
 
     @property
     def tree(self) -> Any:
-        """Tree of what the function returns."""
+        """Structure of the pytree that the function returns, as of one case."""
         return self._base.tree
 
     @property
     def n_equation(self) -> int:
-        """Number of equations to compile: batched loops have more, and are traced before.
+        """Estimated number of equations to compile: six times those of one case.
 
-        Three times as many as of a case, and as many again for tracing.
+        Batched loops have three times as many, and tracing them takes as long again.
         """
         return 6 * self._base.n_equation
 

@@ -19,12 +19,12 @@ from ..common import jax_internals as internals
 from ..common.compilation import (
     is_debugging,
     program_settings,
-    traces_known_by,
+    trace_cache_context,
     without_garbage_collection,
 )
 from ..common.fusion import are_loops_fused
 from .known import KnownPrograms
-from .own_code import own_code
+from .own_code import user_code_digest
 from .program import MappedProgram, Program
 
 
@@ -57,12 +57,12 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
         def own(*leaves):
             return function(*tree.unflatten(leaves), **options)
 
-        code = own_code(tree)
-        with traces_known_by(code):
+        code = user_code_digest(tree)
+        with trace_cache_context(code):
             if not alone and value is None:
                 with without_garbage_collection():
                     return plain(*arguments, **options)
-            signature = tuple(map(_signature, leaves))
+            signature = tuple(map(_argument_signature, leaves))
             key = tree, signature, tuple(options.items()), program_settings(), code
             program = known.find(key, lambda: Program(own, leaves))
             operands = map(internals.as_operand, leaves)
@@ -77,8 +77,8 @@ def as_program(function: Callable[..., Any], static: tuple[str, ...] = ()) -> Ca
     return made
 
 
-def _signature(x):
-    """Return what a program depends on of an argument: shape, dtype and device; hashable.
+def _argument_signature(x):
+    """Return shape, dtype and device of an argument, as far as a program depends on them; hashable.
 
     Arrays of NumPy, and those of jax that are bound to no device, are the same to a program. So are
     numbers of Python and what is traced in their place, whose dtype yields to that of others.
@@ -97,7 +97,10 @@ def _signature(x):
 
 
 class _Linearization:
-    """The programs of a derivative: values and what the derivative needs, and the linear part.
+    """The programs of the forward derivative of a program.
+
+    The first computes the results, and residuals: intermediate values that the derivative needs.
+    The second is linear: from residuals and tangents of arguments to tangents of results.
 
     Args:
         program: `Program`.
@@ -110,14 +113,20 @@ class _Linearization:
         self.linear = None
 
     def _values_and_residuals(self, *leaves):
-        """Return the results, then what the linear part needs that is no argument."""
+        """Return all results, then values that the linear part needs beside the arguments."""
         function = self.program.function
         values, *linear, further = internals.linearize_entries(function, leaves, self.moving)
         self.floats, (self.part, self.places) = list(map(internals.is_float, values)), linear
         return [*values, *further]
 
-    def changes(self, primals, found, tangents):
-        """Return the changes of the results that are floats."""
+    def tangents(self, primals, found, tangents):
+        """Return the tangents of the results that are floats, a list.
+
+        Args:
+            primals: arguments of the program.
+            found: results of the program `forward`.
+            tangents: tangents of the arguments by which it is differentiated.
+        """
         residuals = iter(found[len(self.floats) :])
         known = [next(residuals) if k is None else primals[k] for k in self.places]
         count = len(known)
@@ -131,14 +140,14 @@ class _Linearization:
 
 
 def _call_jvp(primals, tangents, *, program, **_):
-    """Forward derivative: results and their changes, by a program each."""
-    moving = internals.moving_arguments(primals, tangents)
+    """JVP rule of a call of a program: results and their tangents, by a program each."""
+    moving = internals.differentiated_arguments(primals, tangents)
     if not moving:
         found = _CALL.bind(*primals, program=program)
         return found, [internals.zero_tangent(x) for x in found]
     own = program.derived(("jvp", moving), lambda: _Linearization(program, moving))
     found = _CALL.bind(*primals, program=own.forward)
-    changes = iter(own.changes(primals, found, [tangents[k] for k in moving]))
+    changes = iter(own.tangents(primals, found, [tangents[k] for k in moving]))
     values = found[: len(own.floats)]
     return values, [
         next(changes) if is_float else internals.zero_tangent(x)
@@ -147,14 +156,14 @@ def _call_jvp(primals, tangents, *, program, **_):
 
 
 def _known_jvp(primals, tangents, *, program):
-    """Forward derivative of `_KNOWN`: the changes of its results, by a program from all arguments.
+    """JVP rule of `_KNOWN`: known results, and their tangents by one program from all arguments.
 
-    It is not traced for its shapes, which are those of the values: reverse mode traces its
+    Their shapes are those of the values, so that it is not traced for them: reverse mode traces its
     transpose only.
     """
     found = _KNOWN.bind(*primals, program=program)
     count = len(program.arguments)
-    moving = internals.moving_arguments(primals[:count], tangents[:count])
+    moving = internals.differentiated_arguments(primals[:count], tangents[:count])
     if not moving:
         return found, [internals.zero_tangent(x) for x in found]
 
@@ -171,12 +180,15 @@ def _known_jvp(primals, tangents, *, program):
 
 
 def _known_values(*arrays, program):
-    """Return the known results of a program, which follow its arguments: value of `_KNOWN`."""
+    """Return the known results of a program, which follow its arguments (value of `_KNOWN`)."""
     return list(arrays[len(program.arguments) :])
 
 
 def _linear_call_jvp(primals, tangents, *, program, count):
-    """Forward derivative of a call that is linear in all but its first `count` arguments."""
+    """JVP rule of a call that is linear in all but its first `count` arguments.
+
+    Tangents of the linear arguments go through the same program.
+    """
     if any(not internals.is_zero_tangent(t) for t in tangents[:count]):
         return _call_jvp(primals, tangents, program=program)
     further = [*primals[:count], *map(internals.instantiate_tangent, tangents[count:])]
@@ -185,11 +197,18 @@ def _linear_call_jvp(primals, tangents, *, program, count):
 
 
 class _TransposedProgram(Program):
-    """The transpose of a linear program."""
+    """The transpose of a linear program: from cotangents of its results to those of its arguments.
+
+    It takes the arguments in which the program is not linear, then the cotangents. It differs from
+    `Program` by its class only: its own transpose is taken by `jax.vjp`.
+    """
 
 
 def _linear_call_transpose(cotangents, *arguments, program, count):
-    """Transpose a linear call: a program from cotangents of results to those of arguments."""
+    """Transpose rule of a call that is linear in all but its first `count` arguments.
+
+    Returns the cotangents of the linear arguments, by a `_TransposedProgram`; None for the others.
+    """
     asked = tuple(k for k, x in enumerate(cotangents) if not internals.is_zero_tangent(x))
     if not asked:
         return [None] * len(arguments)
@@ -212,8 +231,12 @@ def _linear_call_transpose(cotangents, *arguments, program, count):
     return [None] * count + list(_LINEAR_CALL.bind(*values, program=own, count=count))
 
 
-def _batch(primitive, arguments, axes, *, program, **given):
-    """Rule for `jax.vmap`: the program of the batch."""
+def _batch_rule(primitive, arguments, axes, *, program, **given):
+    """Rule for `jax.vmap` of a call: bind `primitive` to the program mapped over the batch.
+
+    Returns its results and their batch axes, all 0. `axes` are those of the arguments, None where
+    one is not mapped.
+    """
     sizes = {x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None}
     key = "vmap", tuple(axes), *sizes
     own = program.derived(key, lambda: MappedProgram(program, axes, arguments))
@@ -221,11 +244,15 @@ def _batch(primitive, arguments, axes, *, program, **given):
     return found, [0] * len(found)
 
 
-def _define(name, jvp, transpose=None):
-    """Return a new primitive of jax that calls a program, with its rules."""
+def _define_call_primitive(name, jvp, transpose=None):
+    """Return a new primitive of jax that calls a program, with its rules.
+
+    `jvp` and `transpose` are functions as of `define_primitive`; without a transpose it is not
+    linear.
+    """
 
     def batch(arguments, axes, **given):
-        return _batch(made, arguments, axes, **given)
+        return _batch_rule(made, arguments, axes, **given)
 
     def run(*leaves, program, **_):
         return program.run(leaves)
@@ -242,8 +269,8 @@ def _define(name, jvp, transpose=None):
     return made
 
 
-_CALL = _define("program", _call_jvp)
-_LINEAR_CALL = _define("linear_program", _linear_call_jvp, _linear_call_transpose)
+_CALL = _define_call_primitive("program", _call_jvp)
+_LINEAR_CALL = _define_call_primitive("linear_program", _linear_call_jvp, _linear_call_transpose)
 _KNOWN = internals.define_primitive(
     "known_value",
     _known_values,

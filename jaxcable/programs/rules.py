@@ -47,20 +47,26 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
 
 
 def result_of(equation: Any, k: int = 0) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Return shape and dtype of a result of an equation."""
+    """Return shape and dtype of the result with index `k` of an equation."""
     aval = equation.outvars[k].aval
     return tuple(aval.shape), np.dtype(aval.dtype)
 
 
 def places(inputs: Sequence[Any], first: int = 0) -> str:
-    """Return the places of inputs in a template, separated by commas: "{0},{1}"."""
+    """Return the placeholders of inputs in a template, separated by commas: "{0},{1}".
+
+    `first` is the number of the first one.
+    """
     return ",".join(f"{{{first + k}}}" for k in range(len(inputs)))
 
 
 def write_full(
     block: Block, equation: Any, template: str, inputs: Sequence[Value], work: float | None = None
 ) -> list[Value]:
-    """Write an expression of arrays in their full shapes, whose value is the result."""
+    """Write an expression of arrays in their full shapes; return its value in a list of one.
+
+    It is the first result of the equation; `template` and `work` are as of `Block.write`.
+    """
     full = [block.full(x) for x in inputs]
     return [block.write(template, full, *result_of(equation), work=work)]
 
@@ -68,8 +74,8 @@ def write_full(
 def moves_entries(write: Callable[..., Value]) -> Rule:
     """Return the rule of an operation that only moves entries of its first input (a decorator).
 
-    It is written by ``write(block, parameters, inputs, shape)``, `shape` that of the result, unless
-    all entries are alike.
+    It is written by ``write(block, parameters, inputs, shape)``, with the shape of the result. If
+    all entries are alike nothing is written: the value gets another shape.
     """
 
     @functools.wraps(write)

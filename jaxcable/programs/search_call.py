@@ -51,24 +51,24 @@ def run_search(
 
     own = _SearchCall(flat, list(map(internals.abstract_argument, shapes)), reports)
     operands = map(internals.as_operand, leaves)
-    found = _SEARCH.bind(*map(_without_keys, operands), call=own)
+    found = _SEARCH.bind(*map(_random_key_data, operands), call=own)
     return result_tree.unflatten(found)
 
 
-def _without_keys(x):
-    """Return the data of random keys, of which NumPy knows nothing; other arrays as they are."""
+def _random_key_data(x):
+    """Return the data of random keys, which NumPy does not know; other arrays unchanged."""
     is_key = jax.dtypes.issubdtype(x.dtype, jax.dtypes.prng_key)
     return jax.random.key_data(x) if is_key else x
 
 
 @internals.held_weakly
 class _SearchCall:
-    """A search as a function of arrays.
+    """A search as a function of arrays: the parameter of the primitive ``search``.
 
     Args:
         search: function of arrays to a list of arrays.
         shapes: `jax.ShapeDtypeStruct` of the results.
-        reports: whether it reports progress.
+        reports: whether it reports progress, a side effect.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class _SearchCall:
         self.search, self.shapes, self.reports = search, shapes, reports
 
     def on_host(self, *leaves: np.ndarray) -> list[np.ndarray]:
-        """Return the results as arrays of NumPy, without a call of XLA."""
+        """Run the search with NumPy alone; return its results as arrays of NumPy."""
         with decision.within_host_call():
             found = self.search(*leaves)
         return [
@@ -89,7 +89,10 @@ class _SearchCall:
         ]
 
     def mapped(self, axes: Sequence[int | None], count: int) -> _SearchCall:
-        """Return the call for `count` cases, which lie along the `axes` of the arguments."""
+        """Return the `_SearchCall` that searches `count` cases one after the other.
+
+        `axes` are the axes of the arguments along which the cases are, None for what they share.
+        """
 
         def search(*leaves):
             rows = [
@@ -104,18 +107,18 @@ class _SearchCall:
 
 
 def _evaluate(*leaves, call):
-    """Return the results for known arrays: value of the primitive."""
+    """Return the results of a search for known arrays, as jax arrays: value of the primitive."""
     pairs = zip(call.search(*leaves), call.shapes, strict=True)
     return internals.arrays_on_default_device([np.asarray(x, own.dtype) for x, own in pairs])
 
 
-def _shapes(*_, call):
-    """Shape rule of the primitive."""
+def _result_shapes(*_, call):
+    """Return the abstract arrays of the results of a search."""
     return [internals.abstract_array(x) for x in call.shapes]
 
 
 def _jvp(primals, tangents, *, call):
-    """Forward derivative: there is none."""
+    """Return results of a search and zero tangents; ValueError for tangents that are not zero."""
     if not all(map(internals.is_zero_tangent, tangents)):
         raise ValueError(
             "a result of a search such as minimize or fit has no derivative; pass "
@@ -126,7 +129,7 @@ def _jvp(primals, tangents, *, call):
 
 
 def _batch(arguments, axes, *, call):
-    """Rule for `jax.vmap`: one case after the other."""
+    """Return the results of a search of all cases of `jax.vmap`, and their batch axes, all 0."""
     count = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     found = _SEARCH.bind(*arguments, call=call.mapped(tuple(axes), count))
     return found, [0] * len(found)
@@ -139,24 +142,24 @@ _CALLS: dict[str, _SearchCall] = {}
 
 @register_host_function_family
 def _host_search(name):
-    """Return the function of a search that a compiled program calls."""
+    """Return the NumPy function of the search with this name, which a compiled program calls."""
     return _CALLS[name].on_host
 
 
-def _compile(*leaves, call):
-    """Return the results within a program of XLA."""
+def _call_from_xla(*leaves, call):
+    """Return the results of a search within a program that XLA compiles, by a call of the host."""
     name = uuid.uuid4().hex
     _CALLS[name] = call
     return list(call_on_host((_host_search, name), call.shapes, *leaves))
 
 
 _SEARCH = internals.define_primitive(
-    "search", _evaluate, _shapes, _jvp, _batch, lowered=_compile, multiple_results=True
+    "search", _evaluate, _result_shapes, _jvp, _batch, lowered=_call_from_xla, multiple_results=True
 )
 
 
 @rule("search")
-def _write(block, equation, inputs):
-    """Write the call of a search into a program of NumPy."""
+def _write_search_call(block, equation, inputs):
+    """Write the call of a search into a program of NumPy; return the values of its results."""
     call, avals = equation.params["call"], [x.aval for x in equation.outvars]
     return write_host_call(block, call.on_host, inputs, avals, not call.reports)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common import digest
 from ..common import jax_internals as internals
-from ..common.compilation import traces_known_by, without_garbage_collection
+from ..common.compilation import trace_cache_context, without_garbage_collection
 from ..common.tree import pytree
 from ..common.types import Array, PyTree
 from .program_calls import as_program
@@ -81,7 +81,7 @@ class TracedFunction:
 
 
 def _as_key(x, variable):
-    """Return an array for a variable of a jaxpr: for a random key, searches have its data."""
+    """Return an array for a variable of a jaxpr; for a random key `x` may be the key's data."""
     dtype = variable.aval.dtype
     if not jax.dtypes.issubdtype(dtype, jax.dtypes.prng_key) or x.dtype == dtype:
         return x
@@ -89,7 +89,7 @@ def _as_key(x, variable):
 
 
 def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]) -> TracedFunction:
-    """Trace a function for arguments of these shapes, whatever has been traced of it before.
+    """Trace a function anew for arguments of these shapes, whatever jax has traced of it before.
 
     Args:
         function: of pytrees of arrays, to a pytree of arrays.
@@ -104,15 +104,15 @@ def trace_function(function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
         traced, result = jax.make_jaxpr(own, return_shape=True)(*shapes)
         # what a user decorates with `jax.jit`, or gives to `jax.lax.scan`, jax traces once
         if not all(path.startswith(_JAX) for *_, path in _functions_within(traced.jaxpr)):
-            with traces_known_by(object()):
+            with trace_cache_context(object()):
                 traced, result = jax.make_jaxpr(own, return_shape=True)(*shapes)
-    _own_constants(traced)
+    _copy_numpy_constants(traced)
     captured: Any = [x if isinstance(x, jax.Array) else np.asarray(x) for x in traced.consts]
     return TracedFunction(captured, Equations(traced.jaxpr, shapes, result))
 
 
 def _functions_within(jaxpr):
-    """Yield the functions in a jaxpr that are not of this package: jaxpr, constants and file.
+    """Yield (jaxpr, constants, file) of each function in a jaxpr that is not of this package.
 
     These are functions of jax and of users, and those within them.
     """
@@ -124,8 +124,8 @@ def _functions_within(jaxpr):
             yield from _functions_within(own)
 
 
-def _own_constants(program):
-    """Copy the arrays of NumPy in a traced program, which a user may change in place later."""
+def _copy_numpy_constants(program):
+    """Replace NumPy arrays in a traced program by copies: a user may change his in place later."""
     for jaxpr, constants, _ in ((program.jaxpr, (), ""), *_functions_within(program.jaxpr)):
         for k, x in enumerate(constants):
             if isinstance(x, np.ndarray):
@@ -138,11 +138,14 @@ def _own_constants(program):
 def evaluate_at_once(
     function: Callable[..., PyTree[Any]], *arguments: PyTree[Any]
 ) -> PyTree[Array]:
-    """Return ``function(*arguments)`` by one program, in place of one for each operation in it."""
+    """Return ``function(*arguments)`` by one program, not by one for each operation in it.
+
+    The function is traced in every call.
+    """
     return evaluate_traced(trace_function(function, *arguments), *arguments)
 
 
 @as_program
 def evaluate_traced(function: TracedFunction, *arguments: PyTree[Any]) -> PyTree[Array]:
-    """Return ``function(*arguments)``, by a program."""
+    """Return ``function(*arguments)`` by one program, which equal equations share."""
     return function(*arguments)

@@ -17,7 +17,7 @@ _INLINE = 40  # equations up to which a function or branch is written where it i
 
 
 def inner_jaxpr(program: Any) -> tuple[Any, Sequence[Any]]:
-    """Return a jaxpr and its constants, of one with constants or without."""
+    """Return a jaxpr without its constants, and the constants; () for one that has none."""
     return getattr(program, "jaxpr", program), getattr(program, "consts", ())
 
 
@@ -83,15 +83,21 @@ def write_compiled(block: Block, equation: Any, inputs: Sequence[Value]) -> list
 def write_callable(
     block: Block, program: Any, inputs: Sequence[Value], avals: Sequence[Any], once: bool = False
 ) -> list[Value]:
-    """Write a call of a jaxpr: its equations if they are few, else a function.
+    """Write a call of a jaxpr: its equations here if they are few, else a call of a function.
 
-    The function is written when it is first called. With `once`, the equations are also written
-    here if there is no other call of the jaxpr in the program.
+    The function is written when it is first called.
+
+    Args:
+        block: `Block` in which it is written.
+        program: jaxpr, with its constants or without.
+        inputs: values of its arguments.
+        avals: abstract arrays with the shapes and dtypes of the results.
+        once: whether to write the equations here also if this is the only call in the program.
     """
     jaxpr, constants = inner_jaxpr(program)
     if len(jaxpr.eqns) <= _INLINE or (once and block.names.is_called_once(jaxpr)):
         return write_equations(block, jaxpr, constants, inputs)
-    name = block.names.function(program)
+    name = block.names.function_name(program)
     text, full = f"{name}(w,{places(inputs)})", [block.full(x) for x in inputs]
     return block.write_call(text, full, avals, pure=not jaxpr.effects)
 
@@ -111,7 +117,7 @@ def count_calls(program: Any) -> dict[int, int]:
 
 
 class LimitReachedError(Exception):
-    """The work allowed for a call is done, and its result is not."""
+    """The limit of work of a call is reached before its result is known."""
 
 
 def make_function(names: Names, program: Any) -> Callable[..., Any]:

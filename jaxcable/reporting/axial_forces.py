@@ -28,7 +28,7 @@ _FORCE, _LOWEST, _HIGHEST, _USED, _MOST = 4, 5, 7, 9, 10  # columns of the table
 def axial_force_table(of: ReportedAnalysis) -> Table:
     """Return the table of axial force, force / strength and envelope of every element.
 
-    Forces are the largest along each element, `peak_tension`.
+    Forces are the largest along each element, `peak_tension`, in N.
     """
     structure, names = of.structure, list(of.envelope)
     kept = [k for k, own in enumerate(peak_forces(structure, of.state)) if own is not None]
@@ -72,7 +72,10 @@ def axial_force_table(of: ReportedAnalysis) -> Table:
 
 
 def _utilizations(structure, result, kept):
-    """Return the utilization of elements of the groups `kept`, [n]; NaN without a strength."""
+    """Return force / strength of all elements of the groups `kept`, [n]; NaN without a strength.
+
+    `result` is a state of the analysis, and `kept` are indices of groups.
+    """
     try:
         used = values_per_group(structure, utilization(structure, result))
     except ValueError:  # no group has a strength
@@ -81,9 +84,9 @@ def _utilizations(structure, result, kept):
 
 
 def _strength_notes(structure, kept, rated, forces):
-    """Return the notes on force / strength, a list: how it is defined, and what it leaves out.
+    """Return the notes on force / strength, a list: its definition, and limits of its use.
 
-    It leaves out buckling, if elements with a strength are compressed, and bending, if the
+    It does not cover buckling, if elements with a strength are compressed, and bending, if the
     structure has beams. Without any strength a single note says so.
 
     Args:
@@ -106,7 +109,7 @@ def _strength_notes(structure, kept, rated, forces):
 
 
 def group_tables(table: Table) -> dict[str, Table]:
-    """Return {"groups": `Table`} of the extreme forces and largest force / strength by group.
+    """Return {"groups": `Table`}: extreme forces and largest force / strength of each group.
 
     The dict is empty for a single group. `table` is the `axial_force_table`: its envelope counts
     where it has one, otherwise its final force.
@@ -168,14 +171,17 @@ def exceeded_strength_sentence(table: Table) -> str | None:
 
 
 def _first_known(row, column, otherwise):
-    """Return the cell of a row in a column, or in another one if it is None."""
+    """Return the cell of a row in a column; if that is None, the cell in the column `otherwise`.
+
+    Columns are indices.
+    """
     return row[otherwise] if row[column] is None else row[column]
 
 
 def peak_forces(structure: Structure, state: Results) -> list[Float[np.ndarray, " n_elem"] | None]:
-    """Return the largest force along each element, N: a list of [n_elem] for every group, or None.
+    """Return the largest axial force along each element of a state, N, a list over groups.
 
-    Inactive elements have NaN.
+    Items are arrays [n_elem], or None for a group without forces. Inactive elements have NaN.
     """
     forces = values_per_group(structure, state.peak_tension)
     masks = present_elements(structure, state.present)

@@ -64,10 +64,11 @@ def _sag_values(
     kept: Sequence[int],
     chains: Mapping[str, Sequence[int]],
 ) -> Float[np.ndarray, "6 n_row"]:
-    """Return the numbers of all rows in a state: of the groups `kept`, then of the chains.
+    """Return the numbers of all rows of the table in a state, [6, n_row].
 
-    They are span, sag at midspan, largest sag, deflection, height of the lowest point, and
-    horizontal tension, which chains do not have.
+    They are span, sag at midspan, largest sag, deflection, height of the lowest point, all in m,
+    and horizontal tension, N, NaN for chains. Rows are the elements of the groups `kept`, then the
+    chains.
     """
     found: list[tuple[Any, Any]] = []
     if kept:

@@ -14,9 +14,9 @@ _LONGEST = 60  # characters of a check in the name of its table, which is a part
 
 
 def check_tables(checks: Checks) -> dict[str, Table]:
-    """Return the table ``checks``, the most utilized first, and one of the items of each check.
+    """Return the table ``checks``, the largest utilization first, and one table for each check.
 
-    The name of that is ``check_`` and the name of the check, with underscores.
+    The name of the latter is that of `table_name`; it has the items of the check.
     """
     found = {"checks": _overview_table(checks)}
     for one in checks.results:
@@ -25,7 +25,11 @@ def check_tables(checks: Checks) -> dict[str, Table]:
 
 
 def table_name(check: str, taken: Collection[str] = ()) -> str:
-    """Return the name of the table of a check; with underscores behind it if it is `taken`."""
+    """Return the name of the table of a check: ``check_`` and its name in lower case.
+
+    Other characters than letters and digits become underscores; underscores follow a name that is
+    `taken`.
+    """
     plain = "".join(c if c.isalnum() else "_" for c in check.lower()).strip("_")
     name = f"check_{plain[:_LONGEST].rstrip('_') or 'own'}"
     while name in taken:
@@ -34,7 +38,7 @@ def table_name(check: str, taken: Collection[str] = ()) -> str:
 
 
 def check_sentences(checks: Checks) -> list[str]:
-    """Return sentences on whether all checks have passed, and which have not."""
+    """Return sentences on whether all checks have passed, which have not, and what none covers."""
     count = len(checks.results)
     exceeded = [one.name for one in checks.results if not float(one.largest) <= 1.0]
     lines = []
@@ -49,25 +53,28 @@ def check_sentences(checks: Checks) -> list[str]:
 
 
 def _largest_utilization(result: CheckResult) -> tuple[float, int]:
-    """Return the largest utilization and the index of its item; infinity counts, NaN does not."""
+    """Return the largest utilization of a check, and the index of its item.
+
+    NaN does not count, unless all are NaN; infinity does.
+    """
     used = np.asarray(result.utilization, float)
     k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
     return float(used[k]), k
 
 
-def _verdict_on(utilization):
-    """Return what is said of a utilization."""
+def _verdict(utilization):
+    """Return "passed" for a utilization up to 1, "NOT passed" above, "NOT CHECKED" for NaN."""
     if math.isnan(utilization):
         return "NOT CHECKED"
     return "passed" if utilization <= 1.0 else "NOT passed"
 
 
 def _overview_table(checks):
-    """Return the table of one line for each check, sorted by utilization."""
+    """Return the table of all `Checks`, a row for each, the largest utilization first."""
     rows = []
     for one in checks.results:
         used, k = _largest_utilization(one)
-        case, verdict = checks.governing(one.name)[k], _verdict_on(float(one.largest))
+        case, verdict = checks.governing(one.name)[k], _verdict(float(one.largest))
         counted = ", ".join(one.of) or "all cases"
         rows.append((one.name, used, one.items[k], case, verdict, counted, one.clause))
     rows.sort(key=lambda row: -np.nan_to_num(row[1], nan=np.inf))
@@ -81,7 +88,11 @@ def _overview_table(checks):
 
 
 def _table_of_check(checks, result):
-    """Return the table of the items of a check, sorted by utilization, with its input in notes."""
+    """Return the table of a `CheckResult`: a row for each item, the largest utilization first.
+
+    Formula, source and input of the check are notes. `checks` are the `Checks` that it is part of,
+    which name the governing cases.
+    """
     used = np.asarray(result.utilization, float)
     order = np.argsort(-np.nan_to_num(used, nan=np.inf), kind="stable")
     governing = checks.governing(result.name)

@@ -27,7 +27,9 @@ def combination_table(
     tables: Iterable[Table],
     reactions: Mapping[str, Float[np.ndarray, " 3"]],
 ) -> Table:
-    """Return the table of combinations; if it is long, its text shows those that govern most.
+    """Return the table of combinations: actions, status, sums of reactions, and clause.
+
+    Its text shows those that other tables name most often, if it is long.
 
     Args:
         combinations: `Combinations`, in the order of the cases.
@@ -73,7 +75,7 @@ def combination_table(
 
 
 def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
-    """Return the table of the actions that are combined: name, kind, and what acts, in a line.
+    """Return the table of the actions that are combined: kind, loads in words, their sums, factors.
 
     `of` is the analysis of the phases, whose elements are active.
     """
@@ -112,12 +114,12 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
 
 
 def _as_float(value):
-    """Return a number as a floating-point number, which a table prints by its unit, or None."""
+    """Return a number as a float, which a table prints by its unit; None stays."""
     return None if value is None else float(value)
 
 
 def _acting_conditions(action):
-    """Return with what an action does or does not act, in words, or None."""
+    """Return in words with which other actions an `Action` may or may not act; None for any."""
     words = [f"never with others of {action.exclusive!r}"] if action.exclusive else []
     words += [f"only with {name}" for name in action.needs]
     words += [f"never with {name}" for name in action.excludes]
@@ -128,9 +130,10 @@ def _acting_conditions(action):
 def combination_sentences(
     combinations: Combinations, failed: Mapping[str, int], unstable: Collection[str]
 ) -> list[str]:
-    """Return sentences on how many combinations there are, which are unstable, and what is mixed.
+    """Return sentences on the number of combinations, and which are unstable, a list.
 
-    Arguments as of `combination_table`.
+    If there are several limit states, a sentence says that envelopes mix them. Arguments as of
+    `combination_table`.
     """
     count = len(combinations)
     lines = [f"{count} combinations of actions, {count - len(failed)} converged"]

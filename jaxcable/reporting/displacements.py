@@ -35,7 +35,7 @@ def displacement_tables(of: ReportedAnalysis) -> dict[str, Table]:
     """
     nodes = np.asarray(of.structure.nodes, float)
     note = "from the start: from the nodes of the input, with all phases so far"
-    return _tables_of(of, of.envelope, lambda _: nodes, "from the start", note)
+    return _displacement_tables(of, of.envelope, lambda _: nodes, "from the start", note)
 
 
 def phase_index(since: int | str, labels: Sequence[str]) -> int:
@@ -55,12 +55,12 @@ def phase_index(since: int | str, labels: Sequence[str]) -> int:
     )
 
 
-def tables_since(of: ReportedAnalysis, begin: int, head: str) -> dict[str, Table]:
+def displacement_tables_since(of: ReportedAnalysis, begin: int, head: str) -> dict[str, Table]:
     """Return the displacements from the geometry in which a phase began, by node and state.
 
     Args:
         of: `ReportedAnalysis`; of cases each has its own geometry.
-        begin: index of the phase.
+        begin: index of the phase, from 0.
         head: what the tables call it, such as "phase 2, wind".
 
     Returns:
@@ -76,26 +76,31 @@ def tables_since(of: ReportedAnalysis, begin: int, head: str) -> dict[str, Table
 
     states = dict(list(of.envelope.items())[begin if of.cases is None else 0 :])
     where, note = f"since the beginning of {head}", f"from the geometry in which {head} began"
-    found = _tables_of(of, states, geometry, where, note)
+    found = _displacement_tables(of, states, geometry, where, note)
     names = "displacements_since", "displacement_since_envelope"
     return dict(zip(names, found.values(), strict=False))
 
 
-def _tables_of(
+def _displacement_tables(
     of: ReportedAnalysis,
     states: Mapping[str, EnvelopeState],
     geometry: Callable[[str], Float[np.ndarray, "n_node 3"]],
     where: str,
     note: str,
 ) -> dict[str, Table]:
-    """Return tables as `displacement_tables`, from the `geometry` of each state by name.
+    """Return the tables of displacements from a reference geometry, as `displacement_tables`.
 
-    `where` names this geometry in titles, `note` in a sentence.
+    Args:
+        of: `ReportedAnalysis`.
+        states: the states of the tables, by name.
+        geometry: function from the name of a state to its reference geometry, [n_node, 3], m.
+        where: names this geometry in titles.
+        note: names it in a sentence.
     """
     if not states:
         return {}
     each = [np.asarray(x.result.positions, float) - geometry(k) for k, x in states.items()]
-    moved, names = _of_active_nodes(of.structure, states, each), list(states)
+    moved, names = _nan_if_inactive(of.structure, states, each), list(states)
     sizes = np.linalg.norm(moved, axis=2)
     largest = np.nan_to_num(sizes).max(axis=0)  # NaN: no active element, the node is not there
     nodes = np.flatnonzero(largest > _NEGLIGIBLE * _largest_side(of.structure))
@@ -105,7 +110,7 @@ def _tables_of(
     if of.cases is None and where == "from the start":
         good = [phase for phase in of.solution.phases if int(phase.status) == status.OK]
         each = [np.asarray(phase.displacement_in_phase) for phase in good]
-        within = np.linalg.norm(_of_active_nodes(of.structure, states, each), axis=2)
+        within = np.linalg.norm(_nan_if_inactive(of.structure, states, each), axis=2)
         values = within[:, nodes].T.ravel()
         columns.append(Column("u in phase", "m", values, "u of this phase", millimeters=True))
     notes = [note, "nodes that do not move have no row"]
@@ -132,16 +137,25 @@ def _tables_of(
     return tables
 
 
-def _of_active_nodes(structure, states, vectors):
-    """Return vectors of nodes in some `states` as [n_state, n_node, 3]; NaN at inactive nodes."""
+def _nan_if_inactive(structure, states, vectors):
+    """Return vectors of nodes by state, [n_state, n_node, 3], with NaN at inactive nodes.
+
+    `states` are `EnvelopeState` by name; `vectors` has [n_node, 3] for each of them.
+    """
     active = [active_nodes(structure, state.result.present) for state in states.values()]
     return np.where(np.array(active)[..., None], np.array(vectors), np.nan)
 
 
 def _vector_columns(of, nodes, states, vectors, names, unit, total):
-    """Return the columns of vectors [n_state, n_node, 3] of some nodes, a row for each state.
+    """Return the columns of vectors of some nodes, with a row for each node and state.
 
-    `names` are those of three components and of the size, whose heading is `total`.
+    Args:
+        of: `ReportedAnalysis`.
+        nodes: indices of the nodes, [n].
+        states: names of the states.
+        vectors: [n_state, n_node, 3], in `unit`.
+        names: names of the columns of three components and of the length.
+        total: heading of the latter.
     """
     vectors = vectors[:, nodes]
     parts = [*np.moveaxis(vectors, -1, 0), np.linalg.norm(vectors, axis=2)]
@@ -163,7 +177,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
     if not of.structure.space.rotates or not of.envelope:
         return {}
     each = [rotation_vectors(of.structure, state.result) for state in of.envelope.values()]
-    turned = _of_active_nodes(of.structure, of.envelope, each)
+    turned = _nan_if_inactive(of.structure, of.envelope, each)
     angles = np.nan_to_num(np.linalg.norm(turned, axis=2))  # NaN: the node is not there
     nodes = np.flatnonzero(angles.max(axis=0) > NEGLIGIBLE)  # beside 1 rad
     if not len(nodes):
@@ -179,7 +193,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:
-    """Return the table of tilt and twist, {"tilts": Table}; empty without beams and bars.
+    """Return the table of tilt and twist of beams and bars, {"tilts": Table}; empty without any.
 
     Groups of bars without compression, which are cables, and springs to the ground have no rows.
     """
@@ -223,12 +237,12 @@ def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def _largest_side(structure):
-    """Return the largest side of the bounding box of the nodes, m."""
+    """Return the largest side of the bounding box of the initial nodes, m."""
     return float(np.ptp(np.asarray(structure.nodes, float), axis=0).max())
 
 
 def large_displacement_sentence(of: ReportedAnalysis) -> str | None:
-    """Return a sentence on a displacement above a tenth of the extent, or None."""
+    """Return a sentence on final displacements above a tenth of the extent; None without any."""
     moved = np.linalg.norm(np.asarray(of.state.displacement, float), axis=1)
     moved = np.where(active_nodes(of.structure, of.state.present), moved, 0.0)
     extent, units = _largest_side(of.structure), of.units

@@ -34,7 +34,10 @@ class Heading(NamedTuple):
     details: Mapping[str, str] = MappingProxyType({})
 
     def facts(self, units: Units | str | None) -> list[tuple[str, str]]:
-        """Return what stands below the title, pairs of a word and a text."""
+        """Return the lines below the title, pairs of a word and a text: author, date, program.
+
+        Details and, unless they are None, `units` are among them.
+        """
         stated = ("author", self.author), ("date", self.date), *self.details.items()
         every = *stated, ("program", program_versions()), ("units", units)
         return [(word, str(text)) for word, text in every if text not in (None, "")]
@@ -112,7 +115,10 @@ def program_versions() -> str:
 
 
 def _document_table(name: str, table: Table, most: int, scales: Scales, units: Units):
-    """Return a table as `DocumentTable`; arguments as of `make_document` and `show_table`."""
+    """Return a `Table` as `DocumentTable`, split into parts that fit on a page.
+
+    Arguments as of `make_document` and `show_table`.
+    """
     shown = show_table(table, most, scales, units)
     columns = [
         [text.replace("-", _MINUS) for text in texts] if is_numeric else texts
@@ -144,7 +150,11 @@ def _document_table(name: str, table: Table, most: int, scales: Scales, units: U
 def _column_width(heading, unit, is_numeric, texts, longest):
     """Return the width of a column in digits: of its cells, and of the words of its heading.
 
-    Cells of more than `longest` characters wrap, but a word does only if it has very many.
+    Args:
+        heading, unit, is_numeric: those of the column, as of `ShownTable`.
+        texts: texts of its cells.
+        longest: number of characters from which cells wrap; a single word wraps only if it has very
+            many.
     """
     words = (len(word[:_LONGEST]) for text in texts for word in text.split())
     cells = max(max(min(len(text), longest) for text in texts), *words)
@@ -154,9 +164,14 @@ def _column_width(heading, unit, is_numeric, texts, longest):
 
 
 def _split_columns(units, widths, room):
-    """Return the indices of the columns of each part of a table that fits in `room`, lists.
+    """Return the indices of the columns of each part of a table that fits on a page, lists.
 
     The first columns, which name the row, are in every part; texts stay beside their numbers.
+
+    Args:
+        units: unit of each column, "" for texts.
+        widths: widths of the columns, in digits.
+        room: width of the page, in digits.
     """
     count = len(units)
     if sum(widths) <= room:

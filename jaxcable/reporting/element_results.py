@@ -49,9 +49,9 @@ def element_result_tables(of: ReportedAnalysis) -> dict[str, Table]:
 def _rows_and_components(of, name):
     """Return the columns that name the rows of a result's table, and the values of its components.
 
-    A row is an element, or a place in an element; `name` is that of the result. Of each component
-    there are name, unit, values in the final state, [n_row], and in those of the envelope,
-    [n_state, n_row].
+    A row is an element, or a place in an element. Each component is a tuple: name, unit, values in
+    the final state, [n_row], and in those of the envelope, [n_state, n_row]. `of` is the
+    `ReportedAnalysis`, `name` that of the result.
     """
     groups = of.structure.groups
 
@@ -98,10 +98,14 @@ def _rows_and_components(of, name):
 
 
 def _extremes_with_places(where, values, states):
-    """Return the extremes of values in the named states, [n_state, n_row], and where they are.
+    """Return the smallest and the largest of some values, and where they are, a list of ten.
 
-    For the smallest and for the largest one: value, group, element, place, state. `where` are the
-    columns that name element and place of each row.
+    For each of the two: value, group, element, place, state; five times None without values.
+
+    Args:
+        where: columns that name group, element and place of each row.
+        values: [n_state, n_row]; NaN where there is none.
+        states: names of the states.
     """
     places = {column.name: column.values for column in where}
     found: list[object] = []

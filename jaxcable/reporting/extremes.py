@@ -31,13 +31,13 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-def fine_places_and_slopes(
+def fine_places_and_slope_matrix(
     count: int,
 ) -> tuple[Float[np.ndarray, " n_fine"], Float[np.ndarray, "n_point n_fine"]]:
-    """Return many places along elements, and a matrix that gives slopes there.
+    """Return many places along elements, from 0 to 1, and a matrix that gives slopes there.
 
-    Values [..., n_point] at `count` Gauss-Lobatto points, which are among the places from 0 to 1,
-    times the matrix are the slopes of the polynomial through them.
+    Values [..., n_point] at `count` Gauss-Lobatto points, which are among the places, times the
+    matrix are the slopes, with respect to the place, of the polynomial through them.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), gauss_lobatto(count)[0]]))
     return places, interpolation_matrices(count, False, tuple(places.tolist()))[1]
@@ -48,7 +48,12 @@ def hermite_cubics(
     slopes: Float[np.ndarray, "*shape n_point"],
     places: Float[np.ndarray, " n_point"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Return the cubic between each two places that has the given values and slopes there.
+    """Return the cubic polynomials between neighboring places with given values and slopes there.
+
+    Args:
+        values: values at the places.
+        slopes: derivatives with respect to the place.
+        places: along the element, from 0 to 1, ascending.
 
     Returns:
         Coefficients of 1, t, t^2, t^3 along the last axis; t goes from 0 to 1 between two places.
@@ -85,31 +90,32 @@ def fit_parabola(
     return np.concatenate([quadratic, np.zeros_like(quadratic[..., :1])], axis=-1)[..., None, :]
 
 
-def cut_places(
+def merge_piece_ends(
     places: Float[np.ndarray, " 1+n_piece"], cuts: Float[np.ndarray, "*shape n_cut"]
 ) -> Float[np.ndarray, "*shape 1+n_more"]:
-    """Return the ends of pieces that are cut at further places, n_more = n_piece + n_cut.
+    """Return the ends of pieces after cuts at further places, sorted; n_more = n_piece + n_cut.
 
     Args:
         places: ends of the pieces before, from 0 to 1, ascending.
-        cuts: places in any order; equal ones make pieces without length.
+        cuts: places of the cuts of each element, in any order; equal ones make pieces of length
+            zero.
     """
     every = np.broadcast_to(places, (*cuts.shape[:-1], len(places)))
     # rules keep places of loads within elements: rounding may put one beyond an end
     return np.sort(np.concatenate([every, np.clip(cuts, 0.0, 1.0)], axis=-1), axis=-1)
 
 
-def cut_cubics(
+def split_cubics(
     cubic: Float[np.ndarray, "*shape n_piece 4"],
     places: Float[np.ndarray, " 1+n_piece"],
     ends: Float[np.ndarray, "*#shape 1+n_more"],
 ) -> Float[np.ndarray, "*shape n_more 4"]:
-    """Return the coefficients of `hermite_cubics` on pieces of their pieces.
+    """Return the coefficients of piecewise cubics on smaller pieces.
 
     Args:
-        cubic: coefficients of each piece.
-        places: ends of the pieces.
-        ends: `cut_places` of each element.
+        cubic: coefficients of each piece, as of `hermite_cubics`.
+        places: ends of these pieces, ascending.
+        ends: ends of the smaller pieces of each element, as of `merge_piece_ends`.
     """
     start, size = ends[..., :-1], np.diff(ends)
     whole = np.searchsorted(places, start + size / 2, side="right") - 1
@@ -124,12 +130,16 @@ def cut_cubics(
     return np.stack(powers, axis=-1)
 
 
-def add_lines(
+def add_linear_terms(
     cubic: Float[np.ndarray, "*shape n_piece 4"],
     starts: Float[np.ndarray, "*shape n_piece"],
     ends: Float[np.ndarray, "*shape n_piece"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Add to each piece of `hermite_cubics` the line between its values at both ends."""
+    """Return piecewise cubics plus, in each piece, the line between two values at its ends.
+
+    `cubic` are coefficients as of `hermite_cubics`; `starts` and `ends` are the values at t = 0 and
+    1.
+    """
     found = cubic.copy()
     found[..., 0] += starts
     found[..., 1] += ends - starts

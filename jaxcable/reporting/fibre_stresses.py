@@ -104,7 +104,7 @@ def increment_stresses(
             active = jax.tree.map(lambda x, n=n: np.asarray(x)[n], path.present)
             present, parts = present_elements(structure, active), []
             for k in kept:
-                loads, own = _loads_and_lengths(structure, path, k, n), np.asarray(stress[k][n])
+                loads, own = _point_loads_of_beams(structure, path, k, n), np.asarray(stress[k][n])
                 group = structure.groups[k]
                 parts.append(_extreme_stresses(group, points[k], own, present[k], loads))
             factor = float(path.load_factor[n])
@@ -137,10 +137,10 @@ def stress_points(group: Element) -> SectionPoints | None:
 
 
 def _group_stresses(structure, points, phase):
-    """Return the stresses of each group in all increments of a phase, Pa, a list.
+    """Return the stresses of each group in all increments of a phase, Pa, a list over groups.
 
-    They are [n_inc, n_elem, n_fibre], of beams [n_inc, n_elem, n_point, n_fibre], or None for a
-    group without stresses. `points` are the `SectionPoints` of each group, `phase` is the
+    Items are [n_inc, n_elem, n_fibre], of beams [n_inc, n_elem, n_point, n_fibre], or None for a
+    group without stresses. `points` are the `SectionPoints` of each group, and `phase` is the
     `PhaseResult`.
     """
     strain = phase.path.strain
@@ -156,10 +156,11 @@ def _group_stresses(structure, points, phase):
     return found
 
 
-def _loads_and_lengths(structure, path, k, n):
-    """Return the `acting_point_loads` of group `k` in increment `n`, and the lengths, m.
+def _point_loads_of_beams(structure, path, k, n):
+    """Return the `acting_point_loads` of a group of beams in an increment, and chord lengths, m.
 
-    None for a group without concentrated loads.
+    None for a group without concentrated loads. `path` is that of the phase, `k` the index of the
+    group and `n` that of the increment.
     """
     loads = values_per_group(structure, (path.results or {}).get(POINT_LOADS.name))[k]
     if loads is None:
@@ -172,17 +173,17 @@ def _loads_and_lengths(structure, path, k, n):
 
 
 def _extreme_stresses(group, points, stress, present, loads):
-    """Return the `ExtremeStresses` of a group.
+    """Return the `ExtremeStresses` of a group in one increment.
 
-    Along beams with linear laws the stress of a fibre is a parabola, and between concentrated loads
-    a line more; with other laws only the stresses at the integration points count.
+    Along beams with linear laws the stress of a fibre is a parabola, plus a piecewise linear part
+    between concentrated loads; with other laws only the stresses at the integration points count.
 
     Args:
         group: elements.
         points: their `SectionPoints`, or None.
         stress: [n_elem, n_fibre], or of beams [n_elem, n_point, n_fibre], Pa.
         present: whether each element is active, [n_elem].
-        loads: of beams, as of `_loads_and_lengths`; None without concentrated loads.
+        loads: of beams, as of `_point_loads_of_beams`; None without concentrated loads.
     """
     stress = stress.reshape(len(stress), *(1,) * (3 - stress.ndim), *stress.shape[1:])
     stress = np.where(present[:, None, None], stress, np.nan)
@@ -208,7 +209,7 @@ def _extremes_of_linear_fibres(group, points, fibres, places, loads):
         points: their `SectionPoints`.
         fibres: stresses at the integration points, [n_elem, n_fibre, n_point], Pa.
         places: integration points, from 0 to 1.
-        loads: as of `_loads_and_lengths`, or None.
+        loads: as of `_point_loads_of_beams`, or None.
     """
     whole = np.array([0.0, 1.0])
     if loads is None:
@@ -222,16 +223,19 @@ def _extremes_of_linear_fibres(group, points, fibres, places, loads):
         return np.swapaxes(forces[..., [0, 4, 5]] @ strain_of_force @ levers, 1, 2)
 
     smooth = fibres - stress_of(forces_of_point_loads(loads, length, places[None]))
-    ends = extremes.cut_places(whole, loads[..., 0])
+    ends = extremes.merge_piece_ends(whole, loads[..., 0])
     starts, stops = forces_between_point_loads(loads, length, ends)
     ends = ends[:, None]
-    pieces = extremes.cut_cubics(extremes.fit_parabola(smooth, places), whole, ends)
-    pieces = extremes.add_lines(pieces, stress_of(starts), stress_of(stops))
+    pieces = extremes.split_cubics(extremes.fit_parabola(smooth, places), whole, ends)
+    pieces = extremes.add_linear_terms(pieces, stress_of(starts), stress_of(stops))
     return extremes.polynomial_extremes(pieces, ends)
 
 
 def _governing_fibre(points, values, at, sign):
-    """Return a row [4, n_elem] of `ExtremeStresses`: stress, its place, y and z of its fibre.
+    """Return the extreme stress of each element with its place, [4, n_elem], over its fibres.
+
+    Rows are stress, Pa, its place along the element, and y and z of its fibre, m, as in
+    `ExtremeStresses`.
 
     Args:
         points: `SectionPoints`, or None.
@@ -248,7 +252,10 @@ def _governing_fibre(points, values, at, sign):
 
 
 def _index_of_first_smallest(values):
-    """Return the index of the first smallest value in each row; -1 where all values are equal."""
+    """Return the index of the first smallest value in each row; -1 where all are equal.
+
+    Values that differ by less than 1e-6 of the largest count as equal.
+    """
     near = _SAME * np.nanmax(np.abs(values), initial=0.0)
     least = values.min(axis=1, keepdims=True)
     first = (values <= least + near).argmax(axis=1)
@@ -256,7 +263,10 @@ def _index_of_first_smallest(values):
 
 
 def _stress_utilization(group, stress):
-    """Return the largest stress / strength in each element, [n_elem]; NaN without a strength."""
+    """Return the largest |stress| / strength in each element, [n_elem]; NaN without a strength.
+
+    `stress` is [n_elem, n_point, n_fibre], Pa.
+    """
     low, high = _stress_limits(group)
     limit = np.where(stress < 0, -low, high)
     known = np.isfinite(limit) & (limit > 0)
@@ -267,7 +277,7 @@ def _stress_utilization(group, stress):
 
 
 def _stress_limits(group):
-    """Return the smallest and largest stress before rupture, Pa; infinite without rupture.
+    """Return the stresses at rupture in compression and in tension, Pa; infinite without rupture.
 
     Both are [n_elem, 1, 1] for elements with an area, [n_fibre] for a section, or scalars.
     """

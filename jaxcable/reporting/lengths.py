@@ -91,7 +91,10 @@ def cable_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def _reference_temperature_sentence(solution):
-    """Return a sentence that says at which temperature the unstressed lengths hold."""
+    """Return a note on the temperature for which unstressed lengths are given.
+
+    It mentions elements that a phase has added, if there are any.
+    """
     states = solution.last.restart.states
     added = any(state.present is not None and state.thermal_stretch is not None for state in states)
     return _REFERENCE + _ADDED if added else _REFERENCE
@@ -100,7 +103,8 @@ def _reference_temperature_sentence(solution):
 def _lengths_and_chains(structure, solution):
     """Return for each group its unstressed lengths, [n_elem] m or None, and its `cable_chains`.
 
-    Both are lists; groups that are no cables have no chains.
+    Both are lists; lengths are at the temperature before the first phase. Groups that are no cables
+    have no chains.
     """
     lengths = values_per_group(structure, solution.last.rest_length)
     positions, chained = np.asarray(solution.last.positions, float), []

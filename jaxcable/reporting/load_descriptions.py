@@ -32,17 +32,21 @@ _MOST_LISTED = 8  # numbers of elements in a text
 def describe_actions(
     actions: Sequence[Action], structure: Structure, units: Units | None
 ) -> list[str]:
-    """Return what acts by each action: its loads and changes, in `units`, or SI if that is None.
+    """Return the loads and changes of each action in words, a list of texts.
 
-    Long texts of loads, such as those of wind from several directions, are there once: other
-    actions refer to the first one that has them.
+    Numbers are in `units`, None for SI. Long texts of loads, such as those of wind from several
+    directions, are there once: other actions refer to the first one that has them.
     """
     first: dict[str, str] = {}
     return [_describe_action(action, structure, units, first) for action in actions]
 
 
 def _describe_action(action, structure, units, first):
-    """Return what acts by an action; `first` has the actions with long texts, by these."""
+    """Return the loads and changes of an action in words.
+
+    `first` is a dict from long texts to the name of the first action that has them; it is completed
+    here, and a later action refers to this name. Numbers are in `units`, None for SI.
+    """
     parts = []
     for load in as_list(action.loads):
         text = describe_load(load, structure, units)
@@ -56,13 +60,16 @@ def _describe_action(action, structure, units, first):
             where = getattr(action, name)
             where = f" on {', '.join(map(str, where))}" if isinstance(where, dict) else ""
             parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}{where}")
-    if lost := lost_elements_text(action.removes):
+    if lost := removed_elements_text(action.removes):
         parts.append(lost)
     return "; ".join(parts) or "what the phases state"
 
 
-def lost_elements_text(removes: PyTree[Bool[ArrayLike, " n_elem"]] | None) -> str:
-    """Return how many elements an action removes, and which: "1 element lost: stays 2"; or ""."""
+def removed_elements_text(removes: PyTree[Bool[ArrayLike, " n_elem"]] | None) -> str:
+    """Return how many elements an action removes, and which: "1 element lost: stays 2".
+
+    `removes` has masks [n_elem] in the shape of the elements; "" if none is removed.
+    """
     keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
     count, parts = 0, []
     for path, mask in jax.tree_util.tree_leaves_with_path(removes):
@@ -100,7 +107,10 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
 
 
 def _numbers_of_load(load, units):
-    """Iterate over the numbers that a load is given by: name and text; of many vectors the size."""
+    """Generate pairs (name, text) of the numbers that a load is given by, in `units`.
+
+    Of many vectors the text has the range of their lengths.
+    """
     found = field_units(type(load), TYPES)
     for field in user_fields(type(load)):
         value = checks.array_if_known(getattr(load, field.name))
@@ -115,7 +125,7 @@ def _numbers_of_load(load, units):
 
 
 def _velocity_pressures(load, structure):
-    """Return the velocity pressures, N/m2, at the nodes of the elements that `WindLoads` press."""
+    """Return the velocity pressures at the nodes of elements that `WindLoads` act on, N/m2, [n]."""
     numbers, mask = load.loaded_groups(structure)
     chosen = slice(None) if mask is None else mask
     links = [structure.groups[k].links.array[chosen].ravel() for k in numbers]
@@ -125,7 +135,7 @@ def _velocity_pressures(load, structure):
 
 
 def elements_text(elements: Int[ArrayLike, " n"]) -> str:
-    """Return the numbers of elements as text, "elements 0, 3"; their count, of many."""
+    """Return which elements, as text: "elements 0, 3"; of more than eight their count."""
     count = len(elements)
     if count > _MOST_LISTED:
         return f"{count} elements"
@@ -133,7 +143,7 @@ def elements_text(elements: Int[ArrayLike, " n"]) -> str:
 
 
 def _numbers_text(elements):
-    """Return the numbers of elements as text; of many the first and the last one."""
+    """Return indices of elements or nodes as text; of more than eight the first and the last."""
     numbers = [str(k) for k in np.asarray(elements)]
     if len(numbers) > _MOST_LISTED:
         return f"{numbers[0]} ... {numbers[-1]}"

@@ -78,13 +78,17 @@ def _node_table(structure: Structure, change: bool) -> Table:
 
 
 def _support_texts(supports: Supports, count: int) -> list[str | None]:
-    """Return what supports hold at each of `count` nodes, "x y z", or None; in words if skew."""
+    """Return the text of the support at each of `count` nodes, such as "x y z", or None."""
     held, axes = supports.fixed(count), supports.directions(count)
     return [_support_text(*of_node) for of_node in zip(held, axes, strict=True)]
 
 
 def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) -> str | None:
-    """Return what is held at one node: freedoms by name, or the directions in which it is held."""
+    """Return what is held at one node, as text; None if nothing is.
+
+    It names degrees of freedom, "x y z rx", or directions if the node is held along others. `held`
+    is [6], and `axes` are the directions, [3, 3], in rows.
+    """
     in_part = any(held[k : k + 3].any() and not held[k : k + 3].all() for k in (0, 3))
     if in_part and np.abs(axes - np.eye(3)).max() > _SKEW:
         words = [
@@ -115,9 +119,10 @@ def property_table(structure: Structure, units: Units | None) -> Table:
 
 
 def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
-    """Return `_STIFFNESSES` and `_PROPERTIES` of each element; NaN where a group does not have one.
+    """Return the properties of each element, [n_elem, n_property], SI; NaN where a group has none.
 
-    Weights count only along an axis.
+    They are those of `_STIFFNESSES`, at zero strain, then of `_PROPERTIES`. Weights of faces, per
+    area, are left out.
     """
     section = group.section
     found: dict[str, Any] = {name: _number_or_nan(section, name) for name in _STIFFNESSES}
@@ -140,13 +145,16 @@ def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
 
 
 def _number_or_nan(thing, name):
-    """Return an attribute as an array of numbers; NaN if it is missing or None."""
+    """Return an attribute of an object as an array of floats; NaN if it is missing or None."""
     value = getattr(thing, name, None)
     return np.asarray(np.nan if value is None else value, float)
 
 
 def _further_properties(group, units):
-    """Return what else elements have, in words: fibres, laws, stiffness of springs; or None."""
+    """Return further properties of a group in words: fibres, laws, springs; None without any.
+
+    Numbers are in `units`, None for SI.
+    """
     parts, section = [], group.section
     if isinstance(bar := group, Straight) and bar.law is not None:
         parts.append(f"law {type(bar.law).__name__}")
@@ -165,7 +173,10 @@ def _further_properties(group, units):
 
 
 def _phase_table(structure, phases, names, units):
-    """Return the table of phases: a line for everything that one states, applies or changes."""
+    """Return the table of phases: a row for each statement, load, new supports, and activation.
+
+    `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
+    """
     presence = make_activation(structure, phases, None)
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
@@ -178,7 +189,7 @@ def _phase_table(structure, phases, names, units):
         told = describe_loads(phase, structure, units)
         lines += [("applies", text, *own) for text, own in zip(told, sums, strict=True)]
         if phase.supports is not None:
-            lines.append(("supports", _new_supports(supports, phase.supports, structure.n_node)))
+            lines.append(("supports", _support_changes(supports, phase.supports, structure.n_node)))
             supports = phase.supports
         if presence is not None:
             lines += [("elements", text) for text in describe_activation(k, structure, presence)]
@@ -194,8 +205,11 @@ def _phase_table(structure, phases, names, units):
     return make_table("Phases of the analysis", columns, notes)
 
 
-def _new_supports(before, after, count):
-    """Return what new supports hold, node by node, where it is not the same as before."""
+def _support_changes(before, after, count):
+    """Return in words the supports of nodes whose support is replaced by another one.
+
+    `before` and `after` are `Supports`, and `count` is the number of nodes.
+    """
     every = (_support_texts(supports, count) for supports in (before, after))
     pairs = enumerate(zip(*every, strict=True))
     changed = [f"node {k}: {new or 'free'}" for k, (old, new) in pairs if old != new]

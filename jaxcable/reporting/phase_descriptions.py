@@ -21,7 +21,7 @@ from .load_descriptions import describe_load, elements_text, range_with_unit
 def describe_statements(
     phase: Phase, structure: Structure, units: Units | None, *, name_others: bool = False
 ) -> list[str]:
-    """Return what a phase states of elements, a line for each statement: values by group.
+    """Return the prestress and other values that a phase states, a line each: values by group.
 
     Groups without values are named, too, if `name_others`. Numbers are in `units`, None for SI.
     """
@@ -66,7 +66,7 @@ def describe_activation(k: int, structure: Structure, presence: Activation) -> l
 
 
 def _chosen_elements_text(label: str, elements: Int[np.ndarray, " n"], count: int) -> str:
-    """Return some elements of a group of `count` in words: its name, and which if not all."""
+    """Return a text for some elements of a group: its name, and which of `count` unless all."""
     if len(elements) == count:
         return label or "all elements"
     some = f"{elements_text(elements)} of {count}"
@@ -76,9 +76,9 @@ def _chosen_elements_text(label: str, elements: Int[np.ndarray, " n"], count: in
 def _describe_values(
     name: str, statements: Sequence[StatedValues | None], structure: Structure, units: Units | None
 ) -> tuple[list[str], list[str]]:
-    """Return the values of a statement such as "pretension" in words, and which groups have none.
+    """Return texts on the values of a statement such as "pretension", and on groups without any.
 
-    `statements` has the stated values of each group, or None.
+    `statements` has the stated values of each group, or None. Both results are lists.
     """
     parts: dict[str, list[str]] = {}
     without, cold = [], []

@@ -35,7 +35,10 @@ def phase_tables(of: ReportedAnalysis, phases: Mapping[str, EnvelopeState]) -> d
 
 
 def _force_table(structure, phases):
-    """Return the table of axial forces of all elements, with a column for the end of each phase."""
+    """Return the table of axial forces of all elements, with a column for the end of each phase.
+
+    `phases` are the ends of phases by name, `EnvelopeState`.
+    """
     each = [peak_forces(structure, end.result) for end in phases.values()]
     kept = [k for k, force in enumerate(each[0]) if force is not None]
     columns = element_columns(structure, kept)

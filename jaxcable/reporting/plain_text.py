@@ -41,7 +41,10 @@ def table_text(table: Table, most: int | None, scales: Scales, units_of_table: U
 
 
 def _title_and_headings(table, shown):
-    """Return title and headings with the units; a unit that many columns share is in the title."""
+    """Return title and headings of a table with units; a unit of all numbers is in the title only.
+
+    `table` is the `Table`, and `shown` the `ShownTable` of it.
+    """
     named = {unit for unit in shown.units if unit not in ("", "-")}
     stated = [unit for unit in table.units if unit not in ("", "-")]
     shared = len(named) == len({*stated}) == 1 and len(stated) >= _SHARED
@@ -70,7 +73,7 @@ def _wrap_headings(headings, widths):
 
 
 def _break_in_two(heading, width):
-    """Break a heading of more than `width` characters into two lines, as short as possible."""
+    """Return a heading of more than `width` characters as two lines, as short as possible."""
     words = heading.split()
     breaks = [[" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))]
     if len(heading) <= width or not breaks:

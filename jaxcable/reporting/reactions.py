@@ -27,10 +27,14 @@ _SKEW = 1e-9  # cosine between a fixed direction and an axis from which it has a
 _COMPONENTS = {"Rx": "N", "Ry": "N", "Rz": "N", "Mx": "N m", "My": "N m", "Mz": "N m"}
 
 
-class GroundRows(NamedTuple):
-    """Springs and bearings on the ground: nodes [n], names, and forces and moments, [n, 6].
+class GroundSpringForces(NamedTuple):
+    """Forces and moments of springs and bearings that join nodes to the ground.
 
-    These are NaN without a spring against rotation, and of an inactive element.
+    Attributes:
+        nodes: node of each spring, [n].
+        names: name of each spring: its group and its index there.
+        values: forces and moments on the structure, [n, 6], N and N m; NaN for moments of a spring
+            without rotational stiffness, and for an inactive one.
     """
 
     nodes: Int[np.ndarray, " n"]
@@ -38,8 +42,8 @@ class GroundRows(NamedTuple):
     values: Float[np.ndarray, "n 6"]
 
 
-def ground_rows(structure: Structure, state: Results) -> GroundRows:
-    """Return the `GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
+def ground_spring_forces(structure: Structure, state: Results) -> GroundSpringForces:
+    """Return the `GroundSpringForces` of a state, of all groups with the result `SPRING_FORCE`."""
     results, present = state.element_results, present_elements(structure, state.present)
     forces, moments = (
         values_per_group(structure, results.get(name))
@@ -54,22 +58,22 @@ def ground_rows(structure: Structure, state: Results) -> GroundRows:
         values.append(np.where(present[k][:, None], np.asarray(both, float), np.nan))
         nodes.append(group.links.array[:, 0])
         names += [f"{label or type(group).__name__} {n}" for n in range(len(both))]
-    return GroundRows(np.concatenate(nodes), names, np.concatenate(values))
+    return GroundSpringForces(np.concatenate(nodes), names, np.concatenate(values))
 
 
 def total_reaction(structure: Structure, state: Results) -> Float[np.ndarray, " 3"]:
-    """Return the sum of all reactions of a state, those of springs on the ground too, N, [3]."""
-    forces = ground_rows(structure, state).values[:, :3]
+    """Return the sum of the reactions of supports and of springs on the ground, [3], N."""
+    forces = ground_spring_forces(structure, state).values[:, :3]
     # NaN only where a spring does not act or is not active: it adds nothing there
     return np.asarray(state.reactions, float).sum(axis=0) + np.nansum(forces, axis=0)
 
 
 class _Reactions(NamedTuple):
-    """Reactions at all nodes that any of some states supports, then of all `GroundRows`.
+    """Reactions at all nodes that any of some states supports, then at all springs on the ground.
 
     Attributes:
         nodes, names: of every place, [n]; the name is that of the spring, or "support".
-        on_ground: whether there are springs or bearings.
+        on_ground: whether there are springs or bearings on the ground.
         values: [n_state, n, 6], N and N m; NaN in a direction that is not supported in the state.
     """
 
@@ -79,18 +83,18 @@ class _Reactions(NamedTuple):
     values: Float[np.ndarray, "n_state n 6"]
 
     def name_columns(self, which: Int[np.ndarray, " m"]) -> list[Column]:
-        """Return the columns that name the places of some indices."""
+        """Return the columns that name the places with the indices `which`."""
         columns = [Column("node", "", self.nodes[which])]
         by = Column("by", "", [self.names[k] for k in which])
         return [*columns, by] if self.on_ground else columns
 
-    def acts(self) -> Bool[np.ndarray, "n 6"]:
-        """Return whether each component at each place is in any state more than rounding."""
+    def is_significant(self) -> Bool[np.ndarray, "n 6"]:
+        """Return whether a component is above rounding in any state, [n, 6] bool."""
         return (np.abs(self.values) > _rounding_limits(self.values)).any(axis=0)
 
 
 def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Reactions:
-    """Return the `_Reactions` in some states."""
+    """Return the `_Reactions` in some states, of `supported_components` and springs."""
     ever, values = np.zeros(structure.n_node, bool), []
     for result, fixed in states:
         own = np.full((structure.n_node, 6), np.nan)
@@ -106,7 +110,7 @@ def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Rea
         held |= np.abs(own) > _rounding_limits(own)
         values.append(np.where(held, own, np.nan))
     nodes = np.flatnonzero(ever)
-    ground = [ground_rows(structure, state.result) for state in states]
+    ground = [ground_spring_forces(structure, state.result) for state in states]
     pairs = zip(values, ground, strict=True)
     return _Reactions(
         np.concatenate([nodes, ground[0].nodes]),
@@ -117,14 +121,17 @@ def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Rea
 
 
 def _rounding_limits(values):
-    """Return the size up to which reactions [..., 6] are rounding errors, [6], N and N m."""
+    """Return the magnitudes up to which reactions [..., 6] are rounding errors, [6], N and N m."""
     sizes = np.nan_to_num(np.abs(values))  # NaN: not supported, which is no reaction
     force = sizes[..., :3].max(initial=0.0)
     return NEGLIGIBLE * np.repeat([force, max(force, sizes[..., 3:].max(initial=0.0))], 3)
 
 
 def supported_components(structure: Structure, fixed: FixedDofs) -> Bool[np.ndarray, "n_node 6"]:
-    """Return whether supports take forces (3) and moments (3) along x, y, z, [n_node, 6] bool."""
+    """Return which forces and moments along x, y, z supports can take at nodes, [n_node, 6] bool.
+
+    `fixed` are the degrees of freedom that they hold, perhaps along other directions.
+    """
     held = np.zeros((structure.n_node, 6), bool)
     array = fixed.array[: structure.n_node]
     held[:, : array.shape[1]] = array
@@ -187,7 +194,7 @@ def reaction_envelope_table(of: ReportedAnalysis) -> dict[str, Table]:
     # where nothing is left at a support, as after the loss of a cable, its reaction is zero
     known = np.isfinite(every.values).any(axis=0)
     every = every._replace(values=np.where(known, np.nan_to_num(every.values), np.nan))
-    pairs = np.argwhere(every.acts())
+    pairs = np.argwhere(every.is_significant())
     if not len(pairs):
         return {}
     place, component = np.repeat(pairs, 2, axis=0).T
@@ -218,7 +225,7 @@ def reactions_by_phase_table(structure: Structure, phases: Mapping[str, Envelope
     pairs = zip(every.nodes.tolist(), every.names, strict=True)
     places = [node if by == "support" else f"{node}, {by}" for node, by in pairs]
     every = every._replace(values=np.hstack([every.values, total]))
-    acts = every.acts()
+    acts = every.is_significant()
     kept = np.flatnonzero(acts.any(axis=1))
     columns = [
         Column("node", "", [[*places, "sum"][k] for k in kept for _ in phases]),
@@ -241,7 +248,7 @@ def equilibrium_table(of: ReportedAnalysis) -> Table:
     """
     structure, state, units = of.structure, of.state, of.units
     load, reactions = np.asarray(state.load, float), np.array(state.reactions, float)
-    ground = ground_rows(structure, state)
+    ground = ground_spring_forces(structure, state)
     # NaN in directions in which a spring does not act
     np.add.at(reactions, ground.nodes, np.nan_to_num(ground.values[:, :3]))
     sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])

@@ -21,10 +21,10 @@ from .check_tables import check_sentences, check_tables
 from .combination_table import action_table, combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
+    displacement_tables_since,
     large_displacement_sentence,
     phase_index,
     rotation_tables,
-    tables_since,
     tilt_tables,
 )
 from .element_results import element_result_tables
@@ -164,8 +164,8 @@ def report(
     if balanced and listed is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
     if combinations is not None:
-        names = _names_of_combinations(combinations, cases, names)
-    labels = states.check_phase_names(solution, own_names)
+        names = _check_combinations(combinations, cases, names)
+    labels = states.phase_names_or_defaults(solution, own_names)
     ends, failed = states.converged_phases(solution, labels)
     of = states.ReportedAnalysis(structure, solution, ends, None, labels, shown or SI)
     if cases is not None:
@@ -183,12 +183,12 @@ def report(
     tables = _make_tables(of, chains) | phase_tables(of, ends)
     if since is not None:
         begin = phase_index(since, labels)
-        more = tables_since(of, begin, heads[begin])
+        more = displacement_tables_since(of, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
     if checks is not None:
-        summary, tables = _with_checks(summary, tables, checks)
+        summary, tables = _add_checks(summary, tables, checks)
     if combinations is not None:
-        summary, tables = _with_combinations(summary, tables, combinations, of, failed)
+        summary, tables = _add_combinations(summary, tables, combinations, of, failed)
     if model:
         tables = {**model_tables(structure, listed, labels, shown), **tables}
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)
@@ -243,8 +243,11 @@ def _make_tables(of, chains):
     }
 
 
-def _with_checks(summary, tables, checks):
-    """Return sentences and tables with those of checks; ValueError if these are something else."""
+def _add_checks(summary, tables, checks):
+    """Return summary and tables of a report with those of checks.
+
+    Raise ValueError unless `checks` are `design.Checks`.
+    """
     if not isinstance(checks, Checks):
         kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
         raise ValueError(f"checks: expected Checks, got {kind}")
@@ -252,8 +255,15 @@ def _with_checks(summary, tables, checks):
     return summary, {**check_tables(checks), **tables}
 
 
-def _with_combinations(summary, tables, combinations, of, failed):
-    """Return sentences and tables with those of combinations, of which some cases have `failed`."""
+def _add_combinations(summary, tables, combinations, of, failed):
+    """Return summary and tables of a report with those of combinations of actions.
+
+    Args:
+        summary, tables: sentences, and `Table` by name.
+        combinations: `Combinations`.
+        of: `ReportedAnalysis` of its cases.
+        failed: status codes of failed cases by name.
+    """
     unstable = [name for name, case in of.cases.items() if not bool(case.stable)]
     named = [table for name, table in tables.items() if name not in _OF_EACH_CASE]
     sums = {name: total_reaction(of.structure, case.last) for name, case in of.cases.items()}
@@ -264,8 +274,12 @@ def _with_combinations(summary, tables, combinations, of, failed):
     return summary + combination_sentences(combinations, failed, unstable), {**own, **tables}
 
 
-def _names_of_combinations(combinations, cases, names):
-    """Return the names of combinations; ValueError without cases, or with names beside."""
+def _check_combinations(combinations, cases, names):
+    """Return the names of the cases of `combinations`.
+
+    Raise ValueError unless they are `design.Combinations`, and given with `cases` and without
+    `names`.
+    """
     if not isinstance(combinations, Combinations):
         kind = arguments.describe_type(combinations, "design.combinations(actions)")
         raise ValueError(f"combinations: expected Combinations, got {kind}")
@@ -275,7 +289,10 @@ def _names_of_combinations(combinations, cases, names):
 
 
 def _finish_report(solution, summary, tables, units):
-    """Return the `Report` of some sentences and tables, in SI units or, if not None, in `units`."""
+    """Return the `Report` of sentences and tables; numbers that are rounding errors become zero.
+
+    Tables are given in SI, and converted to `units` unless these are None.
+    """
     tables = tables_without_noise(tables)
     if units is not None:
         tables = {name: table_in_units(table, units) for name, table in tables.items()}
@@ -283,7 +300,7 @@ def _finish_report(solution, summary, tables, units):
 
 
 def _checked_phase_list(phases, solution):
-    """Return the phases of an analysis (one, several, a dict) as a list; None if it is None.
+    """Return the phases of an analysis (one, several, a dict) as a list; None stays.
 
     Raise ValueError for another number of phases than the solution has.
     """
@@ -301,7 +318,7 @@ def _checked_phase_list(phases, solution):
 
 
 def _insert_after(name, tables, more):
-    """Return tables by name with further ones behind the table `name` and its envelope."""
+    """Return tables by name with the tables `more` behind the table `name` and its envelope."""
     before = [key for key in tables if key in (name, name.removesuffix("s") + "_envelope")]
     keys = list(tables)
     first = keys[: keys.index(before[-1]) + 1] if before else keys

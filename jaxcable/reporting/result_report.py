@@ -38,7 +38,7 @@ def require_writer(path: str | PathLike[str]) -> None:
 
 
 def _kind_of_file(path):
-    """Return the suffix of a path in lower case; ValueError for one that no report has."""
+    """Return the suffix of a path in lower case; ValueError if it is none of `SUFFIXES`."""
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
         known = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"

@@ -83,8 +83,7 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
         without = ", ".join(labels[k] for k in beams if k not in kept)
         ends = np.concatenate([parts[0][k].ends[..., index] for k in kept])
         final, *others = (
-            _without_places_of_rounding([part[k].extremes[name] for k in kept], rounding)
-            for part in parts
+            _join_extremes([part[k].extremes[name] for k in kept], rounding) for part in parts
         )
         columns = [
             *element_columns(structure, kept),
@@ -110,7 +109,7 @@ def section_force_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def _group_forces(structure, k, result):
-    """Return the `_GroupForces` of the group of index `k` in the state of some `Results`."""
+    """Return the `_GroupForces` of the group with index `k` in a state, `result`."""
     forces = values_per_group(structure, result.section_forces)[k]
     present = present_elements(structure, result.present)[k]
     values = np.where(present[:, None, None], np.asarray(forces, float), np.nan)
@@ -143,7 +142,7 @@ def _extremes_along(
         loads: `acting_point_loads`, or None.
     """
     count = values.shape[1]
-    places, slope = extremes.fine_places_and_slopes(count)
+    places, slope = extremes.fine_places_and_slope_matrix(count)
     if loads is not None:
         values = values - forces_of_point_loads(loads, length, gauss_lobatto(count)[0][None])
     forces = interpolate_section_forces(values, length, places)
@@ -159,18 +158,18 @@ def _extremes_along(
         cubics[shear] = sign * change / length[:, None, None]
     ends = places
     if loads is not None:
-        ends = extremes.cut_places(places, loads[..., 0])
+        ends = extremes.merge_piece_ends(places, loads[..., 0])
         starts, stops = forces_between_point_loads(loads, length, ends)
         for index, name in enumerate(SECTION_FORCES.components):
-            pieces = extremes.cut_cubics(cubics[name], places, ends)
-            cubics[name] = extremes.add_lines(pieces, starts[..., index], stops[..., index])
+            pieces = extremes.split_cubics(cubics[name], places, ends)
+            cubics[name] = extremes.add_linear_terms(pieces, starts[..., index], stops[..., index])
     return {name: extremes.polynomial_extremes(x, ends) for name, x in cubics.items()}
 
 
 def _rounding_limits(structure, parts):
-    """Return the size up to which N, Vy, Vz, T, My, Mz are rounding errors, [6], N and N m.
+    """Return the magnitudes up to which N, Vy, Vz, T, My, Mz are rounding errors, [6], N and N m.
 
-    `parts` has the `_GroupForces` of each state by group.
+    `parts` has a dict of `_GroupForces` by index of the group for each state.
     """
     sizes = np.max([forces.largest for part in parts for forces in part.values()], axis=0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
@@ -178,10 +177,10 @@ def _rounding_limits(structure, parts):
     return NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
 
 
-def _without_places_of_rounding(parts, rounding):
-    """Return the `Extremes` of several groups in one, [n].
+def _join_extremes(parts, rounding):
+    """Return the `Extremes` of several groups as one, [n], one group after the other.
 
-    They have no places where a force differs along an element by `rounding` only.
+    Places are NaN where a force varies along an element by no more than `rounding`.
     """
     found = Extremes(*map(np.concatenate, zip(*parts, strict=True)))
     same = found.high - found.low <= rounding

@@ -85,7 +85,10 @@ def workbook_bytes(
 
 
 def _sheet_names(names):
-    """Return names of sheets: unique in any case, allowed, and not too long; a list."""
+    """Return names of sheets that Excel allows, from names of tables, a list.
+
+    They are at most 31 characters long, and unique whatever the case of letters.
+    """
     found: list[str] = []
     for name in names:
         plain = _REFUSED.sub("_", name).strip("'")[:_LONGEST_NAME] or "table"
@@ -99,7 +102,10 @@ def _sheet_names(names):
 
 
 def _write_table(book, sheet, table, look):
-    """Write the sheet of a table: title, headings, units with filters, rows, and notes."""
+    """Write a `Table` to a sheet: title, headings, units with filters, rows, and notes.
+
+    `look` has formats of the workbook `book` by name.
+    """
     names = [name.strip() for name in table.headings or table.columns]
     sheet.write_row(1, 0, names, look["bold"])
     sheet.write_row(2, 0, table.units, look["unit"])
@@ -121,16 +127,16 @@ def _write_table(book, sheet, table, look):
 
 
 def _cell_value(value):
-    """Return a value as a workbook has it: numbers with all digits, infinite ones as text."""
+    """Return a value as a workbook has it: floats with all digits, infinite ones as text."""
     if not isinstance(value, float):
         return value
     return _AllDigits(value) if math.isfinite(value) else str(value)
 
 
 def _number_format(book, unit, values):
-    """Return the format of a column of numbers: with three decimals, small ones as powers.
+    """Return the number format of a column by its unit and largest value; None without floats.
 
-    None for a column without numbers that have a point.
+    Small numbers have powers of ten.
     """
     numbers = [abs(v) for v in values if isinstance(v, float) and math.isfinite(v)]
     size = max(numbers, default=0.0)

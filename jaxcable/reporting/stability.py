@@ -41,7 +41,7 @@ def buckling_sentence(
 
 
 def _largest_rotation(before, after):
-    """Return the largest rotation of a chord, rad; `before` and `after` are its ends, [n, 2, 3]."""
+    """Return the largest rotation of a chord, rad; arguments are end positions, [n, 2, 3]."""
     first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
     sine = np.linalg.norm(np.cross(first, second), axis=1)
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())

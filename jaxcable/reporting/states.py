@@ -55,7 +55,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def end(self) -> EnvelopeState:
-        """The final state with the degrees of freedom that supports fix there."""
+        """The final state, with the degrees of freedom that supports hold in it."""
         last = self.solution.last
         return EnvelopeState(last, last.fixed[int(last.phase) + 1])
 
@@ -67,7 +67,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def several(self) -> bool:
-        """Whether an envelope says more than the final state."""
+        """Whether there are other states than the final one, so that envelopes are of use."""
         return len(self.every) > 1
 
     @property
@@ -77,25 +77,28 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def name_of_states(self) -> str:
-        """The states of the envelope in words."""
+        """Name of the states of the envelope: "ends of phases" or "cases"."""
         return "ends of phases" if self.cases is None else "cases"
 
     def values(
         self, function: Callable[[StateOrPhase], Float[np.ndarray, " n"]]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n_state n"]]:
-        """Return a quantity in the final state, [n], and in those of the envelope, [n_state, n]."""
+        """Evaluate a function of a state in the final state and in those of the envelope.
+
+        Returns arrays [n] and [n_state, n].
+        """
         final = function(self.state)
         each = [function(state.result) for state in self.envelope.values()]
         return final, np.array(each).reshape(len(each), len(final))
 
 
-def check_phase_names(solution: Solution, names: Sequence[str] | None) -> list[str]:
+def phase_names_or_defaults(solution: Solution, names: Sequence[str] | None) -> list[str]:
     """Return the names of all phases, a list; "phase 1" and so on if `names` is None.
 
     Raises:
         ValueError: a wrong number of names, or a name that occurs twice.
     """
-    return _checked_names(names, len(solution.phases), "phase", 1)
+    return _names_or_defaults(names, len(solution.phases), "phase", 1)
 
 
 def converged_phases(
@@ -122,23 +125,24 @@ def converged_cases(
     codes = np.asarray(cases.status)
     if codes.ndim != 1:
         raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
-    names = _checked_names(names, len(codes), "case", 0)
+    names = _names_or_defaults(names, len(codes), "case", 0)
     cases = jax.tree.map(np.asarray, cases)
     each = [jax.tree.map(lambda x, k=k: x[k], cases) for k in range(len(codes))]
     return _separate_failed(names, codes.tolist(), each)
 
 
 def _separate_failed(names, codes, results):
-    """Return the results with status OK, and the status codes of the others: two dicts by name."""
+    """Return results with status OK, and the status codes of the others: two dicts by name."""
     every = list(zip(names, codes, results, strict=True))
     good = {name: result for name, code, result in every if code == status.OK}
     return good, {name: code for name, code, _ in every if code != status.OK}
 
 
-def _checked_names(names, count, kind, first):
-    """Return the names of cases or phases, a list; ValueError for a wrong number of names.
+def _names_or_defaults(names, count, kind, first):
+    """Return the names of cases or phases, a list; without names "case 0" or "phase 1" and so on.
 
-    Without names they are "case 0" or "phase 1" and so on, by `kind` and the number of the `first`.
+    Raise ValueError for another number of names than `count`, and for equal names. `kind` is "case"
+    or "phase", and `first` the first number of defaults.
     """
     if names is None:
         return [f"{kind} {k}" for k in range(first, first + count)]

@@ -68,7 +68,7 @@ def _final_stress_table(structure, end):
 def _stress_envelope_table(structure, every, kind):
     """Return the table of the extreme stresses over a list `every` of `IncrementStresses`.
 
-    `kind` says what these are taken from: "phase" or "case".
+    `kind` says what their names are: "phase" or "case".
     """
     names = [one.name for one in every]
     low, high, used = (np.stack(x, axis=-2) for x in zip(*(i.stresses for i in every), strict=True))
@@ -119,7 +119,7 @@ def _stress_notes(structure, groups, known):
 
 
 def _edge_overhang(section: Section) -> float:
-    """Return by how much the edge of a section is further out than its outermost fibre.
+    """Return how much farther out the edge of a section is than its outermost fibre center.
 
     The result is relative to the distance of this fibre from the axis; 0 if the edge is unknown.
     """

@@ -59,7 +59,11 @@ def summary_sentences(
 def _phase_sentence(structure, last, head, phase):
     """Return the sentence on a phase: increments, residual, slack cables, activation, stability.
 
-    `last` is the last `State` of the solution; the sentence begins with `head`, "phase 1".
+    Args:
+        structure: `Structure`.
+        last: last `State` of the solution.
+        head: begin of the sentence, "phase 1".
+        phase: `PhaseResult`.
     """
     path = phase.path
     good = np.asarray(path.status) == status.OK

@@ -92,7 +92,10 @@ class Column(NamedTuple):
 def columns_of_rows(
     rows: Sequence[Sequence[Cell]], *heads: str | tuple[str, str] | tuple[str, str, str]
 ) -> list[Column]:
-    """Return the columns of some rows; heads are names, or tuples of name, unit and heading."""
+    """Return the columns of a table given by rows, a list of `Column`.
+
+    `heads` has for each column its name, or a tuple of name and unit, or of name, unit and heading.
+    """
     cells = zip(*rows, strict=True) if rows else [()] * len(heads)
     named = [(head, "") if isinstance(head, str) else head for head in heads]
     return [
@@ -125,13 +128,13 @@ def make_table(title: str, columns: Sequence[Column], notes: Sequence[str] = ())
 
 
 def _cell_values(values):
-    """Return the values of a column as a list, with None for NaN."""
+    """Return the values of a column, an array or a list, as a list with None for NaN."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 def _units_of_row(table, row):
-    """Return the unit of each cell of a row; a column may name that of the row."""
+    """Return the unit of each cell of a row; a column "unit" may state that of the row."""
     if "unit" not in table.columns:
         return table.units
     own = str(row[table.columns.index("unit")])
@@ -139,7 +142,7 @@ def _units_of_row(table, row):
 
 
 def _convert_numbers(table: Table, convert: Callable[[float, str], float]) -> Table:
-    """Return a table with the numbers that `convert` makes of its numbers and their units."""
+    """Return a table with ``convert(value, unit)`` in place of each float."""
     rows = [
         [
             convert(value, unit) if isinstance(value, float) else value
@@ -180,7 +183,7 @@ def tables_without_noise(tables: Mapping[str, Table]) -> dict[str, Table]:
 
 
 def _sizes_by_unit(table):
-    """Return the largest size of the finite numbers of each unit of a table, a dict; no ratios."""
+    """Return the largest magnitude of the finite floats of a table by unit; not of ratios."""
     sizes: dict[str, float] = {}
     for row in table.rows:
         for unit, value in zip(_units_of_row(table, row), row, strict=True):
@@ -206,12 +209,11 @@ def csv_header(table: Table) -> list[str]:
 
 
 def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales:
-    """Return the unit and the factor with which texts show numbers of a unit: a dict by unit.
+    """Return unit and factor with which texts show numbers of a unit, by unit: {"N": ("kN", 1e-3)}.
 
-    Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
-    and bending stiffnesses likewise in kJ and kN m2; stresses are in MPa. An example is
-    ``{"N": ("kN", 1e-3)}``. Tables in stated `units` keep these, but for stresses, which are in
-    MPa, kip/in2, lbf/in2 or kgf/cm2.
+    Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works and
+    bending stiffnesses likewise in kJ and kN m2; stresses are in MPa. Tables in stated `units` keep
+    these, but for stresses, which are in MPa, kip/in2, lbf/in2 or kgf/cm2.
     """
     if units is not None:
         name, factor = units.stress
@@ -224,7 +226,7 @@ def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales
 
 
 class ShownTable(NamedTuple):
-    """A table as a text or a page shows it: what `show_table` returns.
+    """A table as texts, for a text file or a page: the result of `show_table`.
 
     Attributes:
         title: title in words.
@@ -282,13 +284,13 @@ def _governing_size(table, row):
 
 
 def _cell_text(value, factor, unit, largest, is_large):
-    """Return the text of a cell.
+    """Return the text of a cell, with the decimals of its unit.
 
     Args:
         value: number, text, or None for an empty cell.
         factor: factor from the number to the unit of the text.
         unit: unit of the text.
-        largest: size of the largest number of its unit in the table, in the unit of the text.
+        largest: magnitude of the largest number of its unit in the table, in the unit of the text.
         is_large: whether a number of the column is `_MANY` or more: all have one decimal then.
     """
     if value is None:

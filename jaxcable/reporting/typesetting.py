@@ -27,14 +27,17 @@ def pdf_bytes(document: Document) -> bytes:
 
 
 def _breakable(text):
-    """Return a text whose long words, as names of groups may be, can go on in the next line."""
+    """Return a text in which long words, such as names of groups, have places for line breaks."""
     return _LONG_WORD.sub(
         lambda word: _BREAK_AFTER.sub("\\g<0>\N{ZERO WIDTH SPACE}", word[0]), text
     )
 
 
 def _document_data(document):
-    """Return a document as plain data: tables in runs of pages of one format."""
+    """Return a `Document` as plain data for the template.
+
+    Tables are grouped in runs of pages in one format, portrait or landscape.
+    """
     tables, facts = document.tables, dict(document.facts)
     runs = itertools.groupby(tables, key=lambda table: table.landscape)
     return {
@@ -51,7 +54,7 @@ def _document_data(document):
 
 
 def _table_data(table) -> dict[str, Any]:
-    """Return a `DocumentTable` as plain data."""
+    """Return a `DocumentTable` as plain data for the template."""
     parts = [
         {
             "headings": part.headings,

@@ -28,7 +28,7 @@ def page_text(document: Document) -> str:
 
 
 def _picture_html(caption, svg):
-    """Return a picture with its caption."""
+    """Return the HTML of a picture, given as SVG text, with its caption."""
     data = base64.b64encode(svg.encode()).decode()
     text = escape(caption)
     return (
@@ -38,7 +38,7 @@ def _picture_html(caption, svg):
 
 
 def _table_html(table):
-    """Return a `DocumentTable` with its title and its notes."""
+    """Return the HTML of a `DocumentTable` with its title and its notes."""
     parts = "\n".join(
         _table_part_html(part, f"{table.title}, part {k} of {len(table.parts)}")
         for k, part in enumerate(table.parts, 1)
@@ -50,7 +50,7 @@ def _table_html(table):
 
 
 def _table_part_html(part, label):
-    """Return a part of a table; `label` says what it is to those who cannot see it."""
+    """Return the HTML of a `ShownTable`; screen readers read `label`."""
     kinds = [' class="n"' if is_numeric else "" for is_numeric in part.is_numeric]
 
     def cells(texts, tag, more=""):

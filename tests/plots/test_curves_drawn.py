@@ -220,10 +220,10 @@ def test_many_arrows_are_thinned():
     assert 100 <= len(arrows.tails) <= 250
     tips = arrows.tails + arrows.vectors
     assert (tips == nodes[4321]).all(axis=1).any()
-    (key,) = arrows.legend()
+    (key,) = arrows.legend_entries()
     assert key.get_label() == f"largest load 5 N, {len(arrows.tails)} of 10000 drawn"
     few = symbols.ForceArrows("load", forces[:200], nodes[:200], view, nodes, links, push=True)
-    assert len(few.tails) == 200 and few.legend()[0].get_label().endswith(" N")
+    assert len(few.tails) == 200 and few.legend_entries()[0].get_label().endswith(" N")
 
 
 def test_arrows_keep_off_the_elements():
@@ -255,7 +255,7 @@ def test_reactions_of_rounding_size_have_no_arrows():
     force = np.array([[0.0, 0, 0], [1e-10, 0, 0], [0, 1e-13, 0]])
     at = force, nodes, view, nodes, np.array([[0, 1]])
     assert len(symbols.ForceArrows("reaction", *at, push=False).tails) == 2
-    assert not symbols.ForceArrows("reaction", *at, push=False, least=1e3).legend()
+    assert not symbols.ForceArrows("reaction", *at, push=False, least=1e3).legend_entries()
     structure, phases = jc.scenes.flat_net()
     solution = converged(jc.solve(structure, phases))
     tiny = jc.replace(solution.last, reactions=1e-13 * solution.last.reactions)

@@ -308,7 +308,7 @@ def test_a_group_that_another_one_swamps_has_its_own_colors():
     scale = element_lines.ColorScale([own])
     shares = scale.numbers(own)
     np.testing.assert_allclose(shares[:4], [100.0, 50.0, 100.0 / 3, 100.0])
-    texts = [entry.get_label() for entry in scale.legend()]
+    texts = [entry.get_label() for entry in scale.legend_entries()]
     assert texts == ["edge: -300 to 150 kN", "net: 10 to 30 kN"]
     together = element_lines.ColorScale([own], one_scale=True)
     np.testing.assert_allclose(together.numbers(own), force / 1e3)
@@ -317,7 +317,7 @@ def test_a_group_that_another_one_swamps_has_its_own_colors():
     assert element_lines.ColorScale([equal]).numbers(equal).max() == 100.0
     alike = own._replace(value=np.array([-300e3, 150e3, 100e3, 90e3, 80e3]))
     scale = element_lines.ColorScale([alike])
-    assert scale.legend() == [] and scale.label == "axial force (kN), tension positive"
+    assert scale.legend_entries() == [] and scale.label == "axial force (kN), tension positive"
     np.testing.assert_allclose(scale.numbers(alike), alike.value / 1e3)
 
 

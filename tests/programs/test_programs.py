@@ -217,10 +217,10 @@ def test_ways_can_be_set(compilations):
         with jc.evaluation("xla"):
             repeat(1.0, 2)
             assert len(compilations) == 1
-        assert decision.way_now() == "numpy"
-    assert decision.way_now() == "auto"
+        assert decision.current_way() == "numpy"
+    assert decision.current_way() == "auto"
     jc.evaluation("xla")
-    assert decision.way_now() == "xla"
+    assert decision.current_way() == "xla"
     with pytest.raises(ValueError, match="way = 'fast': expected"):
         jc.evaluation("fast")
 
