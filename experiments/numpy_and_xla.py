@@ -65,7 +65,7 @@ def rounded(scene, rng):
 
 def end(solution):
     """Return what is compared of a solution: at the last increment that has converged."""
-    return np.asarray(solution.last.displacement), np.asarray(solution.last.tension)
+    return jax.tree.map(np.asarray, (solution.last.displacement, solution.last.tension))
 
 
 def steps(solution):

@@ -45,6 +45,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.plausibility import largest_movement
 from ..model.structure import Structure
+from ..model.supports import FixedDofs
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..programs.program_calls import as_program
 from ..programs.search_call import run_search
@@ -61,7 +62,7 @@ from .preparation import prepare
 from .recalled_derivative import without_derivatives
 from .sensitivity import MeasuredAnalysis
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, end_tension_as_jack, may_state_as_built
+from .statements import AS_BUILT_STATEMENTS, end_tensions_as_jacks, may_state_as_built
 
 Run = Callable[..., Solution]
 """Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
@@ -81,7 +82,7 @@ def with_lengths_as_built(
 
     Args:
         structure, phases, method, start: as for `solve`.
-        run: function that analyses phases without such statements, as `solve` does.
+        run: function that analyses phases without such statements: `solve`.
         straight: whether end tensions of straight elements are met by lengths, too, and not by
             jacks.
 
@@ -110,11 +111,12 @@ def with_lengths_as_built(
     return found, code
 
 
-def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
+def topples_under_jacks(phases: Sequence[Phase], solution: Solution, fixed: FixedDofs) -> bool:
     """Return whether end tensions of straight elements, as of jacks, have tipped a structure over.
 
     So it is if the analysis has failed, the end is unstable, or a node has moved by half the extent
-    of the structure. Nothing is known of a `solution` that is traced: False.
+    of the structure more than the supports, `fixed`. Nothing is known of a `solution` that is
+    traced: False.
     """
     stands = all(phase.end_tension is None for phase in phases)
     traced = any(isinstance(x, jax.core.Tracer) for x in (solution.status, solution.positions))
@@ -122,7 +124,7 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution) -> bool:
         return False
     if int(solution.status) != status.OK or not bool(solution.stable):
         return True
-    _, moved, extent = largest_movement(solution)
+    _, moved, extent = largest_movement(solution, fixed.array)
     return moved > 0.5 * extent
 
 
@@ -148,7 +150,8 @@ def _with_found_lengths(structure, phases, method, start, run, stated, straight)
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
         given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
-        return _relative_errors(run(structure, _with_prestrains(*given, m), method, start), *given)
+        solution = run(structure, _with_prestrains(*given, m), method, start=start)
+        return _relative_errors(solution, *given)
 
     values = [leaves[k] for k in moving]
     m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
@@ -194,14 +197,12 @@ def _with_prestrains(structure, phases, stated, m):
             continue
         every = phase.statements(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
-        found_here = {one.group for one in stated if one.phase == k}
+        jacked = end_tensions_as_jacks(structure, every)
+        for number in {one.group for one in stated if one.phase == k}:
+            jacked[number] = every[number]  # lengths meet its end tensions
         jacks = [
-            own.get("jacking") if number in found_here else end_tension_as_jack(own).get("jacking")
-            for number, own in enumerate(every)
-        ]
-        jacks = [
-            None if isinstance(group, Sagging) else jack
-            for group, jack in zip(structure.groups, jacks, strict=True)
+            None if isinstance(group, Sagging) else own.get("jacking")
+            for group, own in zip(structure.groups, jacked, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
             cables = structure.groups[one.group]
@@ -376,7 +377,7 @@ def _errors_and_jacobian(structure, phases, method, start, m, *, run, straight):
     given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
 
     def errors(m):
-        solution = run(structure, _with_prestrains(*given, m), method, start)
+        solution = run(structure, _with_prestrains(*given, m), method, start=start)
         return _relative_errors(solution, *given), solution.status
 
     found, push, code = jax.linearize(errors, m, has_aux=True)

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import itertools
 from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -150,6 +151,25 @@ def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[
     return [[load for load, _ in pairs] for pairs in loads]
 
 
+_PHASES_TO_COME: ContextVar[Sequence[Phase]] = ContextVar("phases to come", default=())
+
+
+@contextlib.contextmanager
+def before_phases(phases: Sequence[Phase]) -> Iterator[None]:
+    """Context manager of an analysis that others go on from: no warnings of what `phases` load."""
+    token = _PHASES_TO_COME.set(phases)
+    try:
+        yield
+    finally:
+        _PHASES_TO_COME.reset(token)
+
+
+def known_loads(phases: Sequence[Phase]) -> list[Any]:
+    """Return the loads of an analysis and of the phases that come after it (`before_phases`)."""
+    every = *phases, *_PHASES_TO_COME.get()
+    return [load for phase in every for load in as_list(phase.loads)]
+
+
 def warn_of_free_ends(
     structure: Structure, phases: Sequence[Phase], fixed: Sequence[FixedDofs]
 ) -> None:
@@ -159,7 +179,7 @@ def warn_of_free_ends(
     first phase and in each.
     """
     joined = [] if structure.rigid is None else [structure.rigid.array]
-    for given in (load for phase in phases for load in as_list(phase.loads)):
+    for given in known_loads(phases):
         load: Any = given.load if isinstance(given, Varying) else given
         found = [index_field(load, name) for name in ("nodes", "faces")]
         if found[0] is None and isinstance(load, OnNodes):

@@ -11,7 +11,7 @@ from jax import lax
 from .. import linear
 from ..common import status
 from ..common.progress import report_increment
-from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
+from ..common.tree import cast_floats, copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
 from ..linear.sparse import FactorRecord
@@ -22,7 +22,7 @@ from ..numerics.single_kernel import as_single_kernel
 from ..programs.program_calls import as_program
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
-from .preparation import cast_to_dtype_of, complete_input, traced_input_status
+from .preparation import complete_input, traced_input_status
 from .results import map_element_fields, result_fields
 from .solution import Solution
 from .states import LastConvergedIncrement, make_state, system_at_last
@@ -167,7 +167,8 @@ def _loads_on_groups(parameters):
     `parameters` are (nodes, groups, `RestartState` or None, `Schedule`).
     """
     nodes, _, restart, schedule = parameters
-    return cast_to_dtype_of(nodes, [*(() if restart is None else restart.loads), *schedule.loads])
+    loads = [*(() if restart is None else restart.loads), *schedule.loads]
+    return cast_floats(loads, jnp.asarray(nodes).dtype)
 
 
 def _split_bundles(bundles, part, axis=0):

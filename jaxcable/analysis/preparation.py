@@ -13,8 +13,7 @@ from ..common import checks, status
 from ..common.fusion import are_loops_fused
 from ..common.rules import are_rules_kept, collect_rules
 from ..common.tree import cast_floats, computed_once, copy_with, split_indices
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Sagging
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element import Element
 from ..elements.element_state import OwnState
 from ..elements.prestress import Prestressed
@@ -40,6 +39,7 @@ from .phase_checks import (
     check_loads,
     check_method,
     check_supports,
+    known_loads,
     refuse_secant_with_followers,
     warn_of_free_ends,
     without_amplitudes,
@@ -48,7 +48,7 @@ from .phases import Phase, as_phases
 from .prestress_rules import statements_keep_rules
 from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
-from .statements import concerns_weight, end_tension_as_jack
+from .statements import concerns_weight, end_tensions_as_jacks
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -121,6 +121,7 @@ def prepare(
     statements = [
         phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
     ]
+    stated = stack_statements([end_tensions_as_jacks(structure, x) for x in statements], bundles)
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
     followed = restart is not None and any(stack.follows for stack in restart.loads)
@@ -139,7 +140,8 @@ def prepare(
         idle = presence.inactive_dofs(structure, bundled)
     _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
     if any(concerns_weight(phase) for phase in phases):
-        weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
+        loads_known = [*known_loads(phases), *(stack.load for stack in everything)]
+        weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     if restart is None:
         warn_of_free_ends(structure, phases, sets)
@@ -149,9 +151,7 @@ def prepare(
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stack_statements(
-            [_end_tensions_as_jacks(structure, of_phase) for of_phase in statements], bundles
-        ),
+        statements=stated,
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,  # type: ignore[arg-type]  # fields of it, see `Schedule`
@@ -199,17 +199,6 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
             phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
-
-
-def _end_tensions_as_jacks(structure, statements):
-    """Return statements with the end tensions of straight elements as forces of jacks.
-
-    `statements` has, for each group, a dict from name to `StatedValues`; so has the result.
-    """
-    return [
-        own if isinstance(group, Sagging) else end_tension_as_jack(own)
-        for group, own in zip(structure.groups, statements, strict=True)
-    ]
 
 
 @computed_once
@@ -273,11 +262,6 @@ def _is_always_convex(groups, stacks):
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
 
-def cast_to_dtype_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
-    """Return a tree with all floats cast to the dtype of the nodes."""
-    return cast_floats(tree, jnp.asarray(nodes).dtype)
-
-
 def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
     """Complete the input of a `PreparedAnalysis` inside of the compiled program.
 
@@ -288,7 +272,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     Returns:
         Nodes, groups, `RestartState`, `Schedule`.
     """
-    nodes, groups, restart, schedule = cast_to_dtype_of(parameters[0], parameters)
+    nodes, groups, restart, schedule = cast_floats(parameters, jnp.asarray(parameters[0]).dtype)
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:

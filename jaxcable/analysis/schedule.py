@@ -112,7 +112,9 @@ def _stack_statement(parts, sizes):
     several = next(np.shape(part.values)[1:] for part in every if part is not None)
 
     def filled(stated, count):
-        return stated or StatedValues(np.zeros((count, *several)), np.zeros(count, bool))
+        if stated is not None:
+            return stated
+        return StatedValues(np.zeros((count, *several)), np.zeros(count, bool))
 
     rows = [list(map(filled, phase, sizes)) for phase in parts]
     joined = [[own.values for own in row] for row in rows]

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from ..common import checks
 from ..common.progress import Increment, as_listener
 from ..common.status import OK, first_failure
-from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
@@ -86,7 +85,8 @@ def solve(
         -14600.0 N/m
     """
     listen = as_listener(progress)
-    stated, (phases, found) = phases, phases_with_lengths(structure, phases, method, start)
+    stated = phases
+    phases, found = with_lengths_as_built(structure, stated, method, start, solve)
     # prestress as built has been prepared as it is stated: messages have named that
     with checks.without_warnings() if found is not None else contextlib.nullcontext():
         task = prepare(structure, phases, method, start, to_end=True)
@@ -101,8 +101,9 @@ def solve(
         listen=listen,
         bundles=task.bundles,
     )
-    if topples_under_jacks(phases, solution):
-        by_lengths, found = phases_with_lengths(structure, stated, method, start, straight=True)
+    if topples_under_jacks(phases, solution, task.fixed[-1]):
+        given = structure, stated, method, start
+        by_lengths, found = with_lengths_as_built(*given, solve, straight=True)
         if found is not None and int(found) == OK:
             return solve(
                 *(structure, by_lengths, method),
@@ -113,29 +114,10 @@ def solve(
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     jacked = any(one.jacking is not None or one.end_tension is not None for one in phases)
-    plausibility.warn_of_collapse(solution, jacked)
+    plausibility.warn_of_collapse(solution, jacked, task.fixed[-1].array)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task.bundles)
     return arrange_solution(structure, solution, task)
 
 
 _first_failure = as_program(first_failure)
-
-
-def phases_with_lengths(
-    structure: Structure,
-    phases: Phase | Sequence[Phase] | None,
-    method: Newton | Incremental | None,
-    start: Solution | State | None,
-    straight: bool = False,
-) -> tuple[list[Phase], Int[Array, ""] | None]:
-    """Return phases without prestress as built: with the strains that it comes to, and a status.
-
-    Arguments are as of `solve`; `straight` and the result are of `as_built.with_lengths_as_built`.
-    """
-    return with_lengths_as_built(structure, phases, method, start, _solve_plain_phases, straight)
-
-
-def _solve_plain_phases(structure, phases, method, start):
-    """Return `solve` of phases in which nothing is stated as built, a `Solution`."""
-    return solve(structure, phases, method, start=start)

@@ -117,7 +117,17 @@ def concerns_weight(phase: Any) -> bool:
     return any(getattr(phase, name) is not None for name in ("loads", "sag", *AS_BUILT_STATEMENTS))
 
 
-def end_tension_as_jack(own: dict[str, StatedValues]) -> dict[str, StatedValues]:
+def end_tensions_as_jacks(
+    structure: Structure, statements: list[dict[str, StatedValues]]
+) -> list[dict[str, StatedValues]]:
+    """Return statements by group; an end tension of straight elements becomes that of a jack."""
+    return [
+        own if isinstance(group, Sagging) else _end_tension_as_jack(own)
+        for group, own in zip(structure.groups, statements, strict=True)
+    ]
+
+
+def _end_tension_as_jack(own):
     """Return the statements of a group of straight elements with "end_tension" as "jacking".
 
     `own` is a dict from name to `StatedValues`; both statements are joined if there are both.
@@ -292,12 +302,11 @@ def _values_per_element(
 
     One number is for all of them; `path` begins the messages.
     """
-    if not components:
-        array = checks.as_floats(value, path)
-        if isinstance(array, jax.core.Tracer) and array.ndim == 0:
-            array = broadcast(array, shape=(count,))
-        return checks.floats_per_element(array, count, path)
     array, shape = checks.as_floats(value, path), (count, len(components))
+    if not components:
+        if isinstance(array, jax.core.Tracer) and array.ndim == 0:
+            return broadcast(array, shape=(count,))
+        return checks.floats_per_element(array, count, path)
     if array.shape not in ((), shape):
         raise ValueError(
             f"{path}: expected a scalar or shape {shape}, for every element "

@@ -169,7 +169,7 @@ def floats_of_shape(
     array = as_floats(value, name)
     if array.shape not in shapes:
         words = ["a scalar"] * (() in shapes)
-        words += ["shape " + " or ".join(str(shape) for shape in shapes if shape)]
+        words += ["shape " + " or ".join(map(str, filter(None, shapes)))] * any(shapes)
         raise ValueError(f"{name}: expected {' or '.join(words)}, got {array.shape}{hint}")
     return array
 

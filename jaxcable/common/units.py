@@ -72,7 +72,8 @@ class Units:
         temperature: of differences: "K", "C" (the same), or "F", 5/9 K; None if not stated, which
             means K where lengths are metric, and is refused in files where they are not.
         mass: "kg", "t" or "lb"; None if not stated: reports then have kg, or lb where lengths are
-            not metric, and files with masses are refused.
+            not metric, files that are written state this unit where they have masses, and files
+            that are read are refused if they have some.
 
     Example:
         >>> units = jc.files.Units("kip", "ft")

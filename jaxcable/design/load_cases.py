@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.phase_checks import before_phases
 from ..analysis.phases import Phase
 from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
@@ -78,11 +79,6 @@ def solve_cases(
         names, cases = cases.names, cases.cases
     if not isinstance(cases, Phase | list | tuple):
         raise ValueError(f"cases: expected a list of Phase, got {type(cases).__name__}")
-    first: Solution | State
-    if start is not None and (phases is None or (isinstance(phases, list | tuple) and not phases)):
-        first = start
-    else:
-        first = solve(structure, phases, method, start=start)
     if not isinstance(cases, Phase):
         cases = list(cases)
         if not cases:
@@ -98,6 +94,12 @@ def solve_cases(
                     "same kinds of loads on the same nodes, zero where there is none"
                 )
         cases = stack_trees(cases)
+    first: Solution | State
+    if start is not None and (phases is None or (isinstance(phases, list | tuple) and not phases)):
+        first = start
+    else:
+        with before_phases([cases]):
+            first = solve(structure, phases, method, start=start)
     solutions = jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
     _warn_of_unstable_cases(solutions, names)
     return solutions

@@ -100,6 +100,7 @@ def save_scene(
     Options:
         units: units of the numbers in the file, such as "kN, m" or "kip, ft, F", which the file
             states (see `Units`); default: those of ``scene.units`` if it has some, otherwise SI.
+            Masses, also the density of air, are in kg, or lb with feet and inches, if not stated.
         actions: list of `design.Action` to write beside the phases; default: those of
             ``scene.actions`` if it has some, otherwise none.
         combinations: name of the standard by whose rules ``jaxcable solve`` combines them, such as
@@ -169,7 +170,7 @@ def save_scene(
                 data[part][k] = convert(own, f"{part}[{k}]", cls, structure)
         if checks:
             data["checks"] = [convert(x, "checks") for x in data["checks"]]
-        data = {"units": stated.as_dict(), **data}
+        data = {"units": convert.units.as_dict(), **data}
     if names is not None:
         named = zip(names, data["phases"], strict=True)
         data["phases"] = [{"name": name, **phase} for name, phase in named]

@@ -7,6 +7,7 @@ such: rules of numbers then see SI units only. The unit of a field is that of it
 
 from __future__ import annotations
 
+import dataclasses
 from fractions import Fraction
 from typing import Any
 
@@ -35,7 +36,8 @@ class SceneConverter:
 
     Args:
         units: `Units` of the file.
-        to_si: whether data of the file become SI; otherwise data in SI become those of the file.
+        to_si: whether data of the file become SI; otherwise data in SI become those of the file,
+            and `units` get one of mass if there are masses and they have none.
     """
 
     def __init__(self, units: Units, to_si: bool):
@@ -75,6 +77,8 @@ class SceneConverter:
             powers = dimensions(unit)
         except ValueError as error:
             raise UnitError(f"{where}: {error}") from None
+        if "kg" in powers and not self.to_si:  # the unit of reports, which the file then states
+            self.units = dataclasses.replace(self.units, mass=self.units.symbol("kg"))
         units, what = self.units, None
         if "kg" in powers and units.mass is None:
             what, names, one = "is a mass", "", "kg"

@@ -34,7 +34,7 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jack_value_or, measure_chord
 from ..elements.statement import StatedValues
 from ..loads import Load
-from ..mechanics.elementwise import map_elements
+from ..mechanics.elementwise import map_elements_at_ends
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
@@ -232,7 +232,7 @@ def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps
 
     def of_elements(function, motion):
         return [
-            map_elements(function, group, state, nodes, motion)
+            map_elements_at_ends(function, group, state, (nodes[group.links], motion[group.links]))
             for group, state in zip(groups, states, strict=True)
         ]
 

@@ -35,20 +35,24 @@ class AlongElements(OnGroups, ForcesAlone):
         """
 
     @abc.abstractmethod
-    def _amounts_at_ends(self, number, group, state, nodes):
-        """Return the amount (N, or m) that acts at each end of a group's elements, [n_elem, n_end].
-
-        None if the group has none. `number` is the index of the group, `state` its state,
-        and `nodes` are initial positions of all nodes, m.
-        """
-
-    @abc.abstractmethod
     def _amounts_between_ends(self, number, group, state, nodes):
         """Return the amount (N, or m) that acts along each element of a group, [n_elem].
 
-        None if the group has none. It bends beams and lets catenaries hang. Arguments as of
-        `_amounts_at_ends`.
+        None if the group has none. It bends beams and lets catenaries hang. `number` is the index
+        of the group, `state` its state, and `nodes` are initial positions of all nodes, m.
         """
+
+    def _amounts_at_ends(self, number, group, state, nodes):
+        """Return the amount (N, or m) that acts at each end of a group's elements, [n_elem, n_end].
+
+        None if the group has none. It is the part of the end in that along the element, which is
+        even per unstressed length.
+        """
+        amounts = self._amounts_between_ends(number, group, state, nodes)
+        if amounts is None:
+            return None
+        acting = self.apply_factors(number, amounts, state)
+        return group.split_among_ends(acting, nodes[group.links])
 
     def _sum_forces(self, groups, states, nodes, dtype):
         """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
@@ -163,15 +167,6 @@ class SelfWeight(AlongElements):
     def _amounts_between_ends(self, number, group, state, nodes):
         """Return the weight of every element of a group, [n_elem], N; None without a weight."""
         return group.weights(state)
-
-    def _amounts_at_ends(self, number, group, state, nodes):
-        """Return the weight at every end of a group, [n_elem, n_end], N; None without a weight."""
-        weights = group.weights(state)
-        if weights is None:
-            return None
-        return group.split_among_ends(
-            self.apply_factors(number, weights, state), nodes[group.links]
-        )
 
 
 def require_known_geometry(geometry: str, per: str) -> None:

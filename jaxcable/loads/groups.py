@@ -159,11 +159,14 @@ class OnGroups(Acting):
         `number` is the index of the group (or bundle), `amounts` are loads or lengths, [n_elem,
         ...]; its `state` says which elements are active (None: all).
         """
-        if self.element_factors is not None and number in self.element_factors:
-            factors = self.element_factors[number].astype(amounts.dtype)
+        if (factors := self._factors_of_elements(number)) is not None:
             across = (1,) * (amounts.ndim - factors.ndim)
-            amounts = amounts * factors.reshape(*factors.shape, *across)
+            amounts = amounts * factors.astype(amounts.dtype).reshape(*factors.shape, *across)
         return amounts if state is None else state.zero_where_absent(amounts)
+
+    def _factors_of_elements(self, number):
+        """Return the factors of a group's elements, [n_elem, ...]; None if all of them are 1."""
+        return None if self.element_factors is None else self.element_factors.get(number)
 
 
 def group_numbers(on: Key, structure: Structure) -> tuple[int, ...]:

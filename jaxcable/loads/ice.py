@@ -100,13 +100,6 @@ class IceLoads(AlongElements):
         load = super().with_group_numbers(structure)
         return with_member_factors(load, structure, _PER_MEMBER, _ice_area)
 
-    def _amounts_at_ends(self, number, group, state, nodes):
-        """Return the volume of ice at every end of a group, [n_elem, n_end], m3; None if none."""
-        if not group.has_length:
-            return None
-        volumes = self.apply_factors(number, state.load_bearing_length, state)
-        return group.split_among_ends(volumes, nodes[group.links])
-
     def _amounts_between_ends(self, number, group, state, nodes):
         """Return the length of every element of a group, [n_elem], m; None without lengths."""
         return state.load_bearing_length if group.has_length else None

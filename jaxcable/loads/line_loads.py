@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +11,6 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
-from ..elements.element_state import ElementState
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from ..numerics import scaled
@@ -99,22 +98,20 @@ class LineLoads(AlongElements, Measured):
         forces, factor = (
             checks.as_floats(getattr(self, name), name) for name in ("forces", "factor")
         )
-        each = [len(x) for x, ndim in ((forces, 2), (factor, 1)) if x.ndim == ndim]
-        if each:  # values for each element
-            checks.floats_of_shape(forces, "forces", (3,), (each[0], 3))
-            checks.floats_of_shape(factor, "factor", (), (each[0],))
-        else:
-            checks.floats_of_shape(forces, "forces", (3,))
-            checks.as_scalar(factor, "factor")
+        # values for each element
+        each = [len(x) for x, ndim in ((forces, 2), (factor, 1)) if x.ndim == ndim][:1]
+        checks.floats_of_shape(forces, "forces", (3,), *((n, 3) for n in each))
+        checks.floats_of_shape(factor, "factor", (), *((n,) for n in each))
         set_fields(self, forces=forces, factor=factor)
         checks.require_one_of(self.per, "per", LENGTH_REFERENCES)
         require_known_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
+        """Raise ValueError if the structure lacks the loaded group, or it has no lengths.
+
+        Whether values for each element fit the group `with_group_numbers` checks.
+        """
         require_members(self, structure)
-        if self._n_value is not None:
-            self._elements_with_values(structure)
 
     @property
     def _n_value(self):
@@ -164,18 +161,10 @@ class LineLoads(AlongElements, Measured):
             load = copy_with(load, forces=np.zeros(3))
         return copy_with(load, element_factors={number: values})
 
-    def apply_factors(
-        self,
-        number: int,
-        amounts: Float[ArrayLike, "n_elem ..."],
-        state: ElementState | None = None,
-    ) -> Float[Array, "n_elem ..."]:
-        """Multiply amounts of a group by factors of its elements; zero for inactive elements."""
-        own: Any = self.element_factors
-        if self._has_own_forces(number):
-            factors = {number: own[number][:, 0]}
-            return copy_with(self, element_factors=factors).apply_factors(number, amounts, state)
-        return super().apply_factors(number, amounts, state)
+    def _factors_of_elements(self, number):
+        """Return the factors of a group's elements, [n_elem], which forces may stand beside."""
+        factors = super()._factors_of_elements(number)
+        return factors[:, 0] if self._has_own_forces(number) else factors
 
     def _has_own_forces(self, number):
         """Return whether each element of the group with index `number` has a force of its own."""
@@ -196,17 +185,13 @@ class LineLoads(AlongElements, Measured):
 
     def _amounts_at_ends(self, number, group, state, nodes):
         """Return the length whose load each end of a group takes, [n_elem, n_end], m; or None."""
-        if not group.has_length:
-            return None
-        ends = self._end_positions(group, nodes)
-        if self.per == "unstressed":
-            share = group.split_among_ends(state.load_bearing_length, ends)
-        else:  # half of each chord to each of its ends
-            n_inner = group.n_inner_row
-            half = 0.5 * self._chord_lengths(number, ends[:, : ends.shape[1] - n_inner])
-            share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
-            share = jnp.pad(share, ((0, 0), (0, n_inner)))
-        return self.apply_factors(number, share, state)
+        if self.per == "unstressed" or not group.has_length:
+            return super()._amounts_at_ends(number, group, state, nodes)
+        ends, n_inner = self._end_positions(group, nodes), group.n_inner_row
+        # half of each chord to each of its ends
+        half = 0.5 * self._chord_lengths(number, ends[:, : ends.shape[1] - n_inner])
+        share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
+        return self.apply_factors(number, jnp.pad(share, ((0, 0), (0, n_inner))), state)
 
     def _amounts_between_ends(self, number, group, state, nodes):
         """Return the loaded length of each element of a group, [n_elem], m; None if it has none."""

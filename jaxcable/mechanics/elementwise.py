@@ -259,24 +259,8 @@ def evaluate_elements(
     The method takes (state, ends, motion, ...) of one element. `nodes` and `motions` are those of
     all rows; `exact` and `absent` are those of `map_elements_at_ends`.
     """
-    return map_elements(_Method(method), group, state, nodes, *motions, exact=exact, absent=absent)
-
-
-def map_elements(
-    function: Callable[..., Any],
-    group: Element,
-    state: ElementState,
-    nodes: Float[Array, "n_row 3"],
-    *motions: Motion,
-    **options: Any,
-) -> Any:
-    """Call ``function(one, state, ends, motion)`` for all elements of a group, by vmap.
-
-    Return arrays [n_elem, ...]. `nodes` (initial positions, m) and `motions` are those of all rows;
-    they are gathered at the ends of the elements. `options` are those of `map_elements_at_ends`.
-    """
-    at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return map_elements_at_ends(function, group, state, at, **options)
+    at = [values[group.links] for values in (nodes, *motions)]
+    return map_elements_at_ends(_Method(method), group, state, at, exact=exact, absent=absent)
 
 
 def map_elements_at_ends(

@@ -89,28 +89,31 @@ def warn_if_unstable(solution: Any) -> None:
     )
 
 
-def largest_movement(solution: Any) -> tuple[int, float, float]:
+def largest_movement(solution: Any, held: FixedDofs) -> tuple[int, float, float]:
     """Return (node, distance, extent) for the node of a `Solution` that has moved farthest.
 
-    The extent is the largest side of the bounding box of the nodes before they moved. Distances are
-    in m; the node is 0 if no number is finite.
+    The distance counts beyond that of the farthest support, which somebody has moved: `held` are
+    the degrees of freedom that supports hold. The extent is the largest side of the bounding box of
+    the nodes before they moved. Distances are in m; the node is 0 if no number is finite.
     """
     moved, now = map(np.asarray, (solution.displacement, solution.positions))
     sizes = np.linalg.norm(moved, axis=1)
     node = int(np.nanargmax(sizes)) if np.isfinite(sizes).any() else 0
-    return node, float(sizes[node]), float(np.ptp(now - moved, axis=0).max())
+    of_supports = sizes[held[: len(sizes), :3].all(axis=1)].max(initial=0.0)
+    return node, float(sizes[node] - of_supports), float(np.ptp(now - moved, axis=0).max())
 
 
 @issues_warnings
-def warn_of_collapse(solution: Any, jacked: bool) -> Iterator[str]:
+def warn_of_collapse(solution: Any, jacked: bool, held: FixedDofs) -> Iterator[str]:
     """Warn of a node that has moved by the extent of the structure, unless numbers are traced.
 
     `jacked` says whether prescribed forces (jacks) draw nodes together; without, the limit is 1.5
-    times the extent, because slender rods may be bent into circles.
+    times the extent, because slender rods may be bent into circles. `held` are the degrees of
+    freedom that supports hold.
     """
     if any(isinstance(x, jax.core.Tracer) for x in (solution.status, solution.positions)):
         return
-    node, moved, extent = largest_movement(solution)
+    node, moved, extent = largest_movement(solution, held)
     if moved > (1.0 if jacked else 1.5) * extent > 0:
         yield (
             f"node {node} has moved by {moved:.4g} m, and the extent of the structure is "

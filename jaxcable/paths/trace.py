@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 
 from ..analysis.as_built_statements import refuse_as_built
+from ..analysis.phase_checks import before_phases
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import complete_input, prepare, traced_input_status
 from ..analysis.results import fields_of_element_results, fill_peak_tensions, map_element_fields
@@ -133,7 +134,8 @@ def trace_path(
     for name, count in (("steps", steps), ("events", events)):
         checks.require_whole_number(count, name, least=2)
     if len(phases) > 1:
-        start = solve(structure, phases[:-1], method, start=start)
+        with before_phases(phases[-1:]):
+            start = solve(structure, phases[:-1], method, start=start)
     refuse_as_built(structure, phases[-1:], "trace_path", len(phases) - 1)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     core = task.without_indices, task.arrays, task.method, settings, task.code

@@ -51,6 +51,13 @@ def concatenate_groups(
     return np.concatenate([np.zeros(0), *arrays])
 
 
+def without_blank_rows(columns: Sequence[Column], n_name: int = 2) -> list[Column]:
+    """Return columns without the rows that have a value in none but the first `n_name` columns."""
+    known = ~np.isnan([np.asarray(column.values, float) for column in columns[n_name:]])
+    kept = known.any(axis=0)
+    return [column._replace(values=np.array(column.values, object)[kept]) for column in columns]
+
+
 def envelope_columns(
     name: str,
     unit: str,

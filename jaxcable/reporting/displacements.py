@@ -12,7 +12,7 @@ from ..common.types import Float
 from ..elements import Bars
 from ..model.result_parts import active_nodes
 from ..results import element_tilts, rotation_vectors
-from .columns import concatenate_groups, element_columns, envelope_columns
+from .columns import concatenate_groups, element_columns, envelope_columns, without_blank_rows
 from .states import EnvelopeState, ReportedAnalysis
 from .table import Column, Table, make_table
 
@@ -115,8 +115,9 @@ def _displacement_tables(
         columns.append(Column("u in phase", "m", values, "u of this phase", millimeters=True))
     notes = [note, "nodes that do not move have no row"]
     if np.isnan(sizes[:, nodes]).any():
-        notes.append("blank: the node has no active element")
-    tables = {"displacements": make_table(f"Displacements {where}, by {of.kind}", columns, notes)}
+        notes[-1] += f", nor have those without active element in this {of.kind}"
+    title, columns = f"Displacements {where}, by {of.kind}", without_blank_rows(columns)
+    tables = {"displacements": make_table(title, columns, notes)}
     if len(names) > 1:
         columns = [Column("node", "", nodes)]
         parts = [
@@ -189,7 +190,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
         "rotation vectors: the direction is the axis, the length the angle; small ones are angles "
         "about x, y, z",
     ]
-    return {"rotations": make_table("Rotations from the start", columns, notes)}
+    return {"rotations": make_table("Rotations from the start", without_blank_rows(columns), notes)}
 
 
 def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:

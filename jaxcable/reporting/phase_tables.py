@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .axial_forces import peak_forces
-from .columns import concatenate_groups, element_columns
+from .columns import concatenate_groups, element_columns, without_blank_rows
 from .displacements import displacement_tables
 from .reactions import reactions_by_phase_table
 from .states import EnvelopeState, ReportedAnalysis
@@ -47,4 +47,4 @@ def _force_table(structure, phases):
         for name, forces in zip(phases, each, strict=True)
     ]
     title = "Axial forces at the end of each phase (largest along each element), tension positive"
-    return make_table(title, columns, ["blank: the element is not active"])
+    return make_table(title, without_blank_rows(columns, 4), ["blank: the element is not active"])

@@ -19,7 +19,7 @@ from ..model.result_parts import (
 )
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
-from .columns import envelope_columns
+from .columns import envelope_columns, without_blank_rows
 from .states import EnvelopeState, ReportedAnalysis
 from .table import Column, Table, make_table
 
@@ -236,8 +236,12 @@ def reactions_by_phase_table(structure: Structure, phases: Mapping[str, Envelope
             if k < 3 or acts[:, k].any()
         ),
     ]
-    notes = ["sum: of the forces on all supports, springs and bearings; blank: not supported then"]
-    return make_table("Reactions at the end of each phase (on the structure)", columns, notes)
+    notes = [
+        "sum: of the forces on all supports, springs and bearings",
+        "blank, or no row: not supported in this direction, or at all",
+    ]
+    title = "Reactions at the end of each phase (on the structure)"
+    return make_table(title, without_blank_rows(columns), notes)
 
 
 def equilibrium_table(of: ReportedAnalysis) -> Table:

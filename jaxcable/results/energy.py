@@ -20,10 +20,11 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
+from ..analysis.as_built import with_lengths_as_built
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
-from ..analysis.solver import phases_with_lengths
+from ..analysis.solver import solve
 from ..common.checks import without_warnings
 from ..common.tree import pytree
 from ..common.types import Float
@@ -146,7 +147,7 @@ def energy_balance(
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     with without_warnings():  # the analysis has issued them
-        phases, _ = phases_with_lengths(structure, phases, method, start)
+        phases, _ = with_lengths_as_built(structure, phases, method, start, solve)
         task = prepare(structure, phases, None, start)
     if task.without_indices[3].present_at_start is not None:
         raise ValueError("phases: there is no energy balance where phases add or remove elements")

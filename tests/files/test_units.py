@@ -218,6 +218,17 @@ def test_whole_numbers_of_powers_of_ten_are_exact(tmp_path):
     assert '"pretension": 0.2\n' in text and '"force": "kN"' in text
 
 
+@pytest.mark.parametrize(("units", "mass"), [("kN, m", "kg"), ("kip, ft, F", "lb")])
+def test_the_density_of_air_is_written_with_its_unit(units, mass, tmp_path):
+    """Two roundings: 4e-16."""
+    wind = jc.WindLoads((1.0, 0, 0), jc.WindTable(velocities=30.0), 1.2, 0.02)
+    scene = jc.scenes.flat_net().structure, [jc.Phase(pretension=200.0, loads=wind)]
+    jc.save_scene(tmp_path / "net.json", scene, units=units)
+    read = jc.load_scene(tmp_path / "net.json")
+    assert read.units.mass == mass
+    assert read.phases[0].loads.profile.density == pytest.approx(1.25, rel=4e-16)
+
+
 def test_a_scene_without_units_is_written_as_before(tmp_path):
     scene = jc.scenes.flat_net()
     jc.save_scene(tmp_path / "net.json", scene)

@@ -51,6 +51,14 @@ def test_moved_supports_stretch_the_links():
     problems.assert_balanced(solution)
 
 
+def test_a_structure_that_is_carried_away_has_not_collapsed():
+    """By ten times its size, rigidly: no warning; the force is EA (1 - L0) / L0, to 1e-9."""
+    carried = jc.Phase(rest_length=REST, loads=jc.SupportMovement([0, 2], (0.0, 0.0, 20.0)))
+    solution = two_links([carried])
+    assert int(solution.status) == 0 and solution.positions[1, 2] == pytest.approx(20.0, rel=1e-9)
+    assert solution.tension == pytest.approx(EA * (1 - REST) / REST, rel=1e-9)
+
+
 def test_gradient_by_the_movement():
     def value(move):
         force, solution = spread(move, 0.5 * MOVE)
