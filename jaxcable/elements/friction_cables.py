@@ -291,8 +291,12 @@ class FrictionCables(SlidingCables):
         return self.peak_tension(state, ends, motion) <= 0
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one cable is between taut and slack, or somewhere about to slip."""
+        """Return whether one cable is between taut and slack, or about to slip for the first time.
+
+        Where it has slipped before and loads pause, derivatives are those of slipping on.
+        """
         change = is_at_change(*self._segments_with_tensions(state, ends, motion))
+        change = change & (state.memory == 0)
         unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
         return jnp.any(change) | unstressed
 
