@@ -199,6 +199,40 @@ class FrictionCables(SlidingCables):
         """Return what has slipped over the deviators of one cable so far, [n_deviator], m."""
         return self.slip(state, ends, motion)
 
+    # the history of a cable is that of its slips: its law has none, and is asked without
+
+    def force(self, strain: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the axial force of a segment at a strain, N, not negative."""
+        return super().force(strain)
+
+    def strain_at(self, force: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the strain of a segment at an axial force, N."""
+        return super().strain_at(force)
+
+    def energy_per_length(self, strain: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the stored energy per unstressed length at a strain, J/m."""
+        return super().energy_per_length(strain)
+
+    def fibre_stress(
+        self, strain: Scalar, memory: Array | None = None
+    ) -> Float[Array, " n_fibre"] | Scalar:
+        """Return the stresses of the fibres of a segment at a strain, Pa."""
+        return super().fibre_stress(strain)
+
+    def commit_memory(self, strain: Scalar, memory: Array, duration: float = 0.0) -> Array:
+        """Return the slips as they are: a strain does not change them (`committed_memory` does)."""
+        return memory
+
+    def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest strain of the segments of one cable."""
+        return self.strain_at(self.peak_tension(state, ends, motion))
+
+    def has_result(self, name: str, state: OwnState) -> bool:
+        """Return whether elements have a result; section strain: with fibres or rupture."""
+        if name == SECTION_STRAIN.name:
+            return self.section is not None or self.has_rupture
+        return super().has_result(name, state)
+
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
@@ -314,10 +348,16 @@ class FrictionCables(SlidingCables):
         return force - self.sliding_load_forces(state, ends, motion)
 
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the stored energy of one cable, J; friction has no potential."""
+        """Return the stored energy of one cable and what friction dissipates in the increment, J.
+
+        The work of friction is that of the differences of tension at its end. Friction has no
+        potential: end forces are not the gradient of this sum.
+        """
         segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
-        return jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
+        stored = jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
+        lost = jnp.sum(jnp.abs(slips(segments, found) * jnp.diff(found.tension)))
+        return stored + lost
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
