@@ -114,8 +114,7 @@ class Element(abc.ABC):
             its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether the load along it slides from node to node with the element;
             `sliding_load_forces` then returns the resulting change of the nodal forces.
-        is_chain: whether the ends are those of successive straight segments with an axial force
-            each, from which the forces at all ends follow. The iteration predicts these forces.
+        is_chain: whether its ends are those of straight segments with axial forces in a row.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]

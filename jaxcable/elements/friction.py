@@ -24,7 +24,7 @@ Without tension nothing slips: what a cable that has gone slack remembers is whe
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,7 @@ from jax import lax
 from .. import linear
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..numerics.implicit_root import TangentSolver, implicit_root
+from .cable import TensionOnly
 
 _MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
 _ROUNDINGS = 64  # of eps, within which a slip is zero, or a ratio the largest one
@@ -52,7 +53,7 @@ class StraightSegments(NamedTuple):
             there is a jack that prescribes it; None: there is none.
     """
 
-    cable: Any
+    cable: TensionOnly
     length: Float[Array, " n"]
     excess: Float[Array, " n"]
     bound: Float[Array, " n_deviator"]

@@ -7,6 +7,7 @@ Its energy is a function of a sum of lengths, hence as convex in the nodes as th
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -21,8 +22,6 @@ from .abilities import Jacked, Rounding
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jack_value_or
-
-FRICTION_FIELDS = {"friction", "axle_friction", "wobble"}
 
 
 @pytree(indices=("links",))
@@ -74,11 +73,10 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     paired = False
 
     def __new__(cls, *_: Any, **fields: Any) -> Any:
-        """Make `FrictionCables` where a field of theirs is given."""
-        if cls is SlidingCables and not FRICTION_FIELDS.isdisjoint(fields):
-            from .friction_cables import FrictionCables
-
-            cls = FrictionCables
+        """Make an object of the subclass that has all `fields`: with friction `FrictionCables`."""
+        for kind in (cls, *cls.__subclasses__()):
+            if fields.keys() <= {field.name for field in dataclasses.fields(kind)}:
+                return object.__new__(kind)
         return object.__new__(cls)
 
     def __post_init__(self):
