@@ -7,6 +7,7 @@ each node, so that loads can be reversed. The element has no potential: its tang
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, not_negative
-from ..common.tree import copy_with, index_array, pytree
+from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import STATEMENTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
@@ -161,6 +162,13 @@ class FrictionCables(SlidingCables):
     def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension can be an unknown of the equations: there are several."""
         return False
+
+    def without_friction(self, state: OwnState) -> tuple[SlidingCables, AxialState]:
+        """Return the cables and their state as they slide without friction, and without clamps."""
+        group, plain = object.__new__(SlidingCables), object.__new__(AxialState)
+        for new, old in ((group, self), (plain, state)):
+            set_fields(new, **{f.name: getattr(old, f.name) for f in dataclasses.fields(new)})
+        return group, copy_with(plain, memory=None)
 
     # --- state
 

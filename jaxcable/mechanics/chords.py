@@ -8,11 +8,12 @@ segment: its force is the sum of the forces at all later ends.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
 from ..spaces.space import Forces, Motion
@@ -171,6 +172,14 @@ def compression_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]
     return np.concatenate(
         [np.full(n_chord(group), group.compression_only) for group in groups if has_chord(group)]
     )
+
+
+def without_friction(system: System) -> System:
+    """Return a copy of a system in which the cables that are chains slide without friction."""
+    given: Any = zip(system.groups, system.states, strict=True)
+    pairs = [g.without_friction(s) if g.is_chain else (g, s) for g, s in given]
+    groups, states = map(list, zip(*pairs, strict=True))
+    return copy_with(system, groups=groups, states=states)
 
 
 def n_chord(group: Element) -> int:
