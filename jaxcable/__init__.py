@@ -58,6 +58,7 @@ from .elements import (
     Cables,
     Catenaries,
     Contacts,
+    FrictionCables,
     SlidingCables,
     Springs,
 )
@@ -113,6 +114,7 @@ __all__ = [
     "Elastic",
     "EurocodeWind",
     "FacePressure",
+    "FrictionCables",
     "IceLoads",
     "Incremental",
     "InputWarning",

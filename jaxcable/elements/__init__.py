@@ -12,6 +12,7 @@ from .cable import Cables
 from .catenary import Catenaries
 from .contact import Contacts
 from .contract import check
+from .friction_cables import FrictionCables
 from .prestress import AxialState
 from .sliding import SlidingCables
 from .spring import Bearings, Springs
@@ -24,6 +25,7 @@ __all__ = [
     "Cables",
     "Catenaries",
     "Contacts",
+    "FrictionCables",
     "SlidingCables",
     "Springs",
     "check",

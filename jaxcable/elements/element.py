@@ -114,6 +114,7 @@ class Element(abc.ABC):
             its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether the load along it slides from node to node with the element;
             `sliding_load_forces` then returns the resulting change of the nodal forces.
+        is_chain: whether its ends are those of straight segments with axial forces in a row.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
@@ -142,6 +143,7 @@ class Element(abc.ABC):
     shaped_by_load: bool = False
     paired: bool = False
     slides: bool = False
+    is_chain: bool = False
 
     @property
     def n_freedom(self) -> int:

@@ -7,6 +7,9 @@ Its energy is a function of a sum of lengths, hence as convex in the nodes as th
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -69,6 +72,13 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     tangent = Element.tangent  # that of `Axial` is for two nodes
     paired = False
 
+    def __new__(cls, *_: Any, **fields: Any) -> Any:
+        """Make an object of the subclass that has all `fields`: with friction `FrictionCables`."""
+        for kind in (cls, *cls.__subclasses__()):
+            if fields.keys() <= {field.name for field in dataclasses.fields(kind)}:
+                return object.__new__(kind)
+        return object.__new__(cls)
+
     def __post_init__(self):
         if not isinstance(self.links, Indices):
             object.__setattr__(self, "links", _checked_chains(self.links))
@@ -105,8 +115,8 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return (state.elongation + _total_length_change(ends, motion)) / state.rest_length
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal force of one cable at each node, [n_end, 3], N, with sliding load."""
-        piece, length = _moved_segments_with_lengths(ends, motion)
+        """Return the internal force of one cable at every node, sliding load included, N."""
+        piece, length = moved_segments_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
@@ -126,7 +136,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         The shares are those of the nodes in the initial position. A constant is left out; because
         the shares add up to one, positions can be relative to the first node.
         """
-        piece, length = _moved_segments_with_lengths(ends, motion)
+        piece, length = moved_segments_with_lengths(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.split_among_ends(jnp.ones((1,), length.dtype), ends[None])[0]
@@ -156,8 +166,8 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         )
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return an estimate of the absolute error of end forces, [n_end, 3], N, from rounding."""
-        piece, length = _moved_segments_with_lengths(ends, motion)
+        """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
+        piece, length = moved_segments_with_lengths(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
@@ -168,7 +178,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
             jnp.sum(of[1])
-            for of in (_segments_with_lengths(ends), _moved_segments_with_lengths(ends, motion))
+            for of in (_segments_with_lengths(ends), moved_segments_with_lengths(ends, motion))
         )
         return self._state_activated_at_length(
             state, length, _total_length_change(ends, motion), start
@@ -178,7 +188,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the state after lock-off: its new unstressed length gives the jack force here."""
         return self.locked_off_state(
             state,
-            jnp.sum(_moved_segments_with_lengths(ends, motion)[1]),
+            jnp.sum(moved_segments_with_lengths(ends, motion)[1]),
             _total_length_change(ends, motion),
         )
 
@@ -191,7 +201,7 @@ def _segments_with_lengths(places):
     return _vectors_with_lengths(_successive_differences(places))
 
 
-def _moved_segments_with_lengths(ends, motion):
+def moved_segments_with_lengths(ends, motion):
     """Return the vectors between successive nodes after a motion, [n - 1, 3], and their lengths, m.
 
     Positions and displacements are subtracted separately, so that positions far from the origin
@@ -214,15 +224,23 @@ def _vectors_with_lengths(piece):
 
 
 def _total_length_change(ends, motion):
-    """Return the change of the length of one cable over all nodes, m, without subtracting lengths.
+    """Return the change of the length over all nodes, m, without subtracting lengths."""
+    return jnp.sum(segment_length_changes(ends, motion)[0])
 
-    `ends` are initial positions, `motion` displacements of its nodes, [n, 3], m.
+
+def segment_length_changes(
+    ends: Ends, motion: Motion
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    """Return the changes of the lengths of all pieces of a cable, [n], m, and both lengths.
+
+    The changes are computed without subtracting lengths, so that they keep their digits.
     """
     start, before = _segments_with_lengths(ends)
     w = _successive_differences(motion)
-    after = _moved_segments_with_lengths(ends, motion)[1]
+    after = moved_segments_with_lengths(ends, motion)[1]
     both = before + after
-    return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
+    change = jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0)
+    return change, before, after
 
 
 def _checked_chains(chains):

@@ -63,8 +63,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         links = checked_links(self.links)
         object.__setattr__(self, "links", links)
         for name in self.per_element:
-            value = checks.floats_per_element(getattr(self, name), len(links), name)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, self._floats_per_element(name))
         given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
         if sum(value is not None for value in given) > 1:
             raise ValueError(
@@ -86,6 +85,10 @@ class Straight(Axial, Prestressed, Uniaxial):
         if self.compliance is not None:
             self._check_compliance()
         refuse_if_broken(self.rules())
+
+    def _floats_per_element(self, name):
+        """Return the field `name` with a value for every element; ValueError for a wrong shape."""
+        return checks.floats_per_element(getattr(self, name), len(self.links), name)
 
     def rules(self) -> list[Rule]:
         """Return the conditions on numbers of the group, such as positive areas, a list."""

@@ -52,6 +52,7 @@ from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import FactorRecord
 from ..mechanics.assembly import System
+from ..mechanics.chords import without_friction
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
@@ -198,6 +199,8 @@ def _iterate_until_done(
         carried = search.convergence.carried_residual(end.point.scale, end.steps)
         return end.with_point(residual=end.point.residual + carried)
 
+    if any(group.is_chain for group in system.groups):
+        return _iterate_with_friction(iterate, system, x, active, factored)
     convex, none = system.without_softening(), jnp.int32(0)
     if system.is_net or not convex.is_net:
         return iterate(system, x, active, factored, none)
@@ -232,6 +235,24 @@ def _iterate_until_done(
     code, steps, stable = select_tree(below, *ends)
     end = copy_with(end, code=code, steps=steps, stable=stable)
     return end.with_point(x=x, residual=residual, scale=scale)
+
+
+def _iterate_with_friction(iterate, system, x, active, factored):
+    """Return the `NewtonState` of a system with friction; where that fails, begin without friction.
+
+    Where cables slip and are stiff, the symmetric part of the tangent is indefinite, so that there
+    is no descent direction: from far, steps creep. From the equilibrium without friction they do
+    not. `iterate` is that of `_iterate_until_done`.
+    """
+    none = jnp.int32(0)
+    direct = iterate(system, x, active, factored, none)
+    failed = active & (direct.code != status.OK)
+    plain = iterate(without_friction(system), x, failed, direct.factored, none)
+    found = failed & (plain.code == status.OK)
+    near = select_tree(found, drop_low_part(plain.point.x), x)
+    again = iterate(system, near, found, plain.factored, none)
+    steps = direct.steps + plain.steps + again.steps
+    return copy_with(select_tree(found, again, direct), steps=steps)
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:

@@ -26,7 +26,7 @@ from ..common.tree import copy_with, select_tree
 from ..common.types import Array, Bool, Float, Int
 from ..elements.abilities import TensionElement
 from ..mechanics.assembly import EndForces, System
-from ..mechanics.chords import has_chord
+from ..mechanics.chords import has_chord, n_chord
 from ..mechanics.tension_responses import CableTensions, net_stiffness
 from ..spaces.space import Motion, Step
 from .interior_point import LengthBoundEquations
@@ -223,6 +223,6 @@ def _index_cables_of_chords(system, is_cable):
     for group, cable in zip(system.groups, is_cable, strict=True):
         n = len(group.links)
         if has_chord(group):
-            indices.append(n_cable + np.arange(n) if cable else np.full(n, -1))
+            indices.append(n_cable + np.arange(n) if cable else np.full(n_chord(group), -1))
         n_cable += n * cable
     return np.concatenate(indices)

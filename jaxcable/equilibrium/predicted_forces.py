@@ -51,7 +51,7 @@ _NEVER_CUT = 1e-3
 
 @pytree
 class PredictedForces:
-    """Predicted axial forces of all elements with two ends and no rotations.
+    """Predicted axial forces along all `Chords`: elements with two ends, and segments of chains.
 
     Attributes:
         force: predicted axial forces, [n], N; tension positive.
@@ -102,7 +102,7 @@ class PredictedForces:
         system: System,
         chords: Chords,
         row_step: Forces,
-        slopes: Float[Array, " n"],
+        force: Float[Array, " n"],
         predicting: Bool[Array, ""],
     ) -> tuple[PredictedForces, Float[Array, ""], Float[Array, ""]]:
         """Return `PredictedForces` after a step, the fraction to take, the work of cut forces, J.
@@ -112,14 +112,14 @@ class PredictedForces:
 
         Args:
             system: `System`.
-            chords: `Chords` of all elements with two ends and no rotations, before the step.
+            chords: `Chords` of all elements that have them, before the step.
             row_step: the step, of all nodes (rows).
-            slopes: derivatives of axial forces by lengths, [n], N/m.
+            force: axial forces after the step, linearized, [n], N (`Chords.forces_after_step`).
             predicting: whether the step's matrix has predicted forces; else the fraction is 1.
         """
         apart = second_minus_first_end(system, row_step)
         longer = chords.linearized_elongation(apart)
-        predicted = self.for_step(system, chords.force + slopes * longer, predicting)
+        predicted = self.for_step(system, force, predicting)
         fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
         fraction = jnp.where(predicting, fraction, 1.0)
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

@@ -65,15 +65,15 @@ class StepMatrix(NamedTuple):
         matrix: the matrix with the shift of its diagonal, [n_free, n_free], N/m.
         predicting: whether it has the geometric stiffness of predicted axial forces; None where no
             element has a chord.
-        slopes: derivatives of the axial forces by the lengths of elements with a chord, [n], N/m;
-            None where there is no such element.
+        tangents: matrices of all elements, [n_elem, d, d] per group, N/m, which say how axial
+            forces change in the step; None where no element has a chord.
         cable_equations: linear equations of the cables beside other elements, whose slopes the
             matrix has; None where there is no such cable.
     """
 
     matrix: Matrix
     predicting: Bool[Array, ""] | None
-    slopes: Float[Array, " n"] | None
+    tangents: list[Float[Array, "n_elem d d"]] | None
     cable_equations: LengthBoundEquations | None
 
 
@@ -184,7 +184,7 @@ class StructureSteps(StepMethod):
         fraction: Float[ArrayLike, ""] = 1.0
         if own.full_steps is not None:
             is_full = own.full_steps.is_on & ~converged
-        matrix, predicting, slopes, equations = self._matrix(state, is_full, converged)
+        matrix, predicting, tangents, equations = self._matrix(state, is_full, converged)
         rhs, unknowns, predicted = -point.residual, own.unknowns, own.predicted
         similar = system.convex
         if unknowns is not None:
@@ -199,8 +199,9 @@ class StructureSteps(StepMethod):
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
             chords = point.elements[1]
+            force = chords.forces_after_step(system, tangents, row_step)
             predicted, fraction, cut = predicted.after_step(
-                system, chords, row_step, slopes, predicting
+                system, chords, row_step, force, predicting
             )
             slope = slope - cut
         if unknowns is not None:
@@ -234,7 +235,7 @@ class StructureSteps(StepMethod):
         """
         system, own, x, partial_net = self.system, state.strategy, state.point.x, self.partial_net
         tangents, chords = state.point.elements
-        size, predicting, slopes, cables = max_abs(state.point.residual), None, None, None
+        size, predicting, known, cables = max_abs(state.point.residual), None, None, None
         if partial_net is not None:
             unknowns = own.unknowns.with_mixed_mode_if(converged)
             given = x, tangents, unknowns, state.point.residual, self.length
@@ -248,7 +249,7 @@ class StructureSteps(StepMethod):
             if partial_net is not None:
                 forces = partial_net.geometric_forces(forces, chords.force, unknowns)
             tangents = system.tangents(x, tangents)
-            slopes = chords.axial_stiffness(system, tangents)
+            known = tangents
             tangents = chords.tangents_with_geometric_stiffness(system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
             size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.progress.start_residual)
@@ -263,4 +264,4 @@ class StructureSteps(StepMethod):
             damping = jnp.maximum(cables.unknowns.interior_point.damping, least)
             shift = jnp.where(unknowns.uses_interior_point, damping, shift)
         matrix = linear.add_to_diagonal(matrix, shift)
-        return StepMatrix(matrix, predicting, slopes, cables)
+        return StepMatrix(matrix, predicting, known, cables)

@@ -30,7 +30,17 @@ from ..design.cable_checks import CableFatigue, CableResistance, CableSafety, Ca
 from ..design.check import Check
 from ..design.limit_checks import DisplacementLimit, ReactionLimit, TensionLimit
 from ..design.member_checks import MemberBuckling, MemberSection
-from ..elements import Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs
+from ..elements import (
+    Bars,
+    Beams,
+    Bearings,
+    Cables,
+    Catenaries,
+    Contacts,
+    FrictionCables,
+    SlidingCables,
+    Springs,
+)
 from ..elements.element import Element
 from ..loads.load import Load
 from ..loads.wind_profiles import WindProfile
@@ -54,7 +64,17 @@ TYPES: dict[str, type] = {
     cls.__name__: cls
     for cls in (
         *(Structure, Supports, Phase, Only, Selection, Action),
-        *(Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs),
+        *(
+            Bars,
+            Beams,
+            Bearings,
+            Cables,
+            Catenaries,
+            Contacts,
+            FrictionCables,
+            SlidingCables,
+            Springs,
+        ),
         *(loads.AreaLoads, loads.CablePressure, loads.FacePressure, loads.IceLoads),
         *(loads.LineLoads, loads.NodalLoads, loads.PointLoads, loads.PointMasses),
         *(loads.SelfWeight, loads.SupportMovement, loads.Varying, loads.WindLoads),

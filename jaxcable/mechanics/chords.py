@@ -1,26 +1,30 @@
-"""Axial forces of elements with two ends, along the chords between these.
+"""Axial forces of elements with two ends, or a chain of them, along the chords between these.
 
 They follow from end forces and tangents, so that they exist for bars, cables and elements of users
-without a formula of their own.
+without a formula of their own. A chain of straight segments (`Element.is_chain`) has one for each
+segment: its force is the sum of the forces at all later ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
-from ..spaces.space import Motion
+from ..spaces.space import Forces, Motion
 from .assembly import EndForces, System
 
 
 @pytree
 class Chords:
-    """Chords (lines from end to end) of all elements with two ends, at one point of the iteration.
+    """Chords (lines from end to end) of elements at one point of the iteration.
+
+    They are those of all elements for which `has_chord` is true, of chains one for each segment.
 
     Arrays of all groups are joined, [n].
 
@@ -40,9 +44,12 @@ class Chords:
         """Compute the chords of a system at motion `x` from its end forces, per group."""
         vector = second_minus_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
+        if any(group.is_chain for group in system.groups):  # whose fillers have no length
+            length = jnp.where(length > 0, length, jnp.inf)
         along = vector / length[:, None]
         pairs = zip(system.groups, end_forces, strict=True)
-        pull = jnp.concatenate([forces[:, 1, :3] for group, forces in pairs if has_chord(group)])
+        pulls = [_pulls_of_segments(forces[..., :3]) for group, forces in pairs if has_chord(group)]
+        pull = jnp.concatenate(pulls)
         return cls(jnp.sum(pull * along, axis=1), along, length)
 
     def linearized_elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
@@ -59,15 +66,32 @@ class Chords:
         """
         return jnp.max(jnp.sum(relative_motion**2, axis=1) / self.length**2)
 
-    def axial_stiffness(
-        self, system: System, tangents: Sequence[Float[Array, "n_elem d d"]]
+    def forces_after_step(
+        self,
+        system: System,
+        tangents: Sequence[Float[Array, "n_elem d d"]],
+        row_step: Forces,
     ) -> Float[Array, " n"]:
-        """Return derivatives of axial forces by lengths from element tangents, [n], N/m."""
-        blocks = []
+        """Return the axial forces after a step of all nodes (rows), linearized, [n], N.
+
+        `tangents` are the matrices of the elements, [n_elem, d, d], N/m, per group.
+        """
+        longer = self.linearized_elongation(second_minus_first_end(system, row_step))
+        changes, start = [], 0
         for group, matrix in zip(system.groups, tangents, strict=True):
-            if has_chord(group):
-                blocks.append(matrix[:, 3:, 3:])
-        return jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
+            if not has_chord(group):
+                continue
+            n = n_chord(group)
+            along, own = self.along[start : start + n], longer[start : start + n]
+            start += n
+            if group.is_chain:
+                step = row_step[group.links][..., :3]
+                forces = jnp.einsum("eij,ej->ei", matrix, step.reshape(len(step), -1))
+                change = jnp.sum(along * _pulls_of_segments(forces.reshape(step.shape)), axis=1)
+            else:
+                change = jnp.einsum("ni,nij,nj->n", along, matrix[:, 3:, 3:], along) * own
+            changes.append(change)
+        return self.force + jnp.concatenate(changes)
 
     def tangents_with_geometric_stiffness(
         self,
@@ -86,48 +110,91 @@ class Chords:
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
-        row = jnp.concatenate([block, -block], axis=2)
-        of_ends = jnp.concatenate([row, -row], axis=1)
         found, start = [], 0
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
-                own = of_ends[start : start + len(matrix)]
-                start += len(matrix)
-                matrix = matrix + own
+                n = group.links.shape[1] - 1
+                own = block[start : start + n * len(matrix)]
+                start += len(own)
+                matrix = matrix + _matrices_of_chains(own.reshape(-1, n, 3, 3))
             found.append(matrix)
         return found
 
 
+def _pulls_of_segments(forces):
+    """Return the forces of segments on their second ends from those at all ends, joined, [n, 3], N.
+
+    `forces` at the ends of elements are [n_elem, n_end, 3].
+    """
+    later = forces[:, 1:]
+    if later.shape[1] > 1:
+        later = jnp.flip(jnp.cumsum(jnp.flip(later, axis=1), axis=1), axis=1)
+    return later.reshape(-1, 3)
+
+
+def _matrices_of_chains(blocks):
+    """Return matrices of elements, [n_elem, d, d], from those of segments, [n_elem, n, 3, 3].
+
+    A block is that between the second end of a segment and itself; others differ in sign.
+    """
+    n = blocks.shape[1]
+    if n == 1:
+        row = jnp.concatenate([blocks[:, 0], -blocks[:, 0]], axis=2)
+        return jnp.concatenate([row, -row], axis=1)
+    ends = np.eye(n, n + 1, 1) - np.eye(n, n + 1)  # of each segment
+    matrix = jnp.einsum("pa,epij,pb->eaibj", ends, blocks, ends.astype(blocks.dtype))
+    return matrix.reshape(len(blocks), 3 * (n + 1), 3 * (n + 1))
+
+
 def has_chord(group: Element) -> bool:
-    """Return whether the elements of a group have two ends and no rotations.
+    """Return whether the elements of a group have two ends, or are chains, without rotations.
 
     The iteration predicts the axial forces of such elements only: with predicted forces of beams,
     columns beyond their buckling loads converge less often.
     """
-    return group.links.shape[1] == 2 and not group.rotates
+    return (group.links.shape[1] == 2 or group.is_chain) and not group.rotates
 
 
 def any_chords(groups: Sequence[Element]) -> bool:
-    """Return whether any group has elements with two ends and no rotations."""
+    """Return whether any group has elements with chords."""
     return any(map(has_chord, groups))
 
 
 def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
-    """Return which elements with two ends and no rotations are tension-only, [n] bool, NumPy."""
+    """Return which chords are those of tension-only elements, [n] bool, NumPy."""
     return np.concatenate(
-        [np.full(len(group.links), group.tension_only) for group in groups if has_chord(group)]
+        [np.full(n_chord(group), group.tension_only) for group in groups if has_chord(group)]
     )
 
 
 def compression_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
-    """Return which elements with two ends and no rotations are compression-only, [n], NumPy."""
+    """Return which chords are those of elements that press only, [n] bool, NumPy."""
     return np.concatenate(
-        [np.full(len(group.links), group.compression_only) for group in groups if has_chord(group)]
+        [np.full(n_chord(group), group.compression_only) for group in groups if has_chord(group)]
     )
 
 
+def without_friction(system: System) -> System:
+    """Return a copy of a system in which the cables that are chains slide without friction."""
+    given: Any = zip(system.groups, system.states, strict=True)
+    pairs = [g.without_friction(s) if g.is_chain else (g, s) for g, s in given]
+    groups, states = map(list, zip(*pairs, strict=True))
+    return copy_with(system, groups=groups, states=states)
+
+
+def n_chord(group: Element) -> int:
+    """Return the number of chords of a group that has them."""
+    return len(group.links) * (group.links.shape[1] - 1)
+
+
 def second_minus_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
-    """Return `values` [n_row, 3] of second ends less those of first ends, [n, 3], m."""
-    links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
-    ends = values[:, :3][links]
+    """Return `values` [n_row, 3] of the second ends of chords less those of first ends, [n, 3]."""
+    links = [
+        jnp.stack([group.links[:, :-1], group.links[:, 1:]], axis=-1).reshape(-1, 2)
+        if group.is_chain
+        else group.links[:, :2]
+        for group in system.groups
+        if has_chord(group)
+    ]
+    ends = values[:, :3][jnp.concatenate(links)]
     return ends[:, 1] - ends[:, 0]

@@ -58,7 +58,7 @@ def find_slackened(system: System, x: Motion) -> Slackened:
     An element is at its kink if its strain is zero up to rounding. Those whose law has history
     variables go slack at other strains and do not count. All is traced where a derivative is taken.
     """
-    counted = [is_one_sided(group) and not group.has_memory for group in system.groups]
+    counted = [_has_kinks(group) for group in system.groups]
     places = [k for k, own in enumerate(counted) if own and _is_straight(system, k)]
     if not any(counted):
         return Slackened([None] * len(counted), jnp.zeros((), bool))
@@ -106,6 +106,14 @@ def _released_and_kinks(system, x, places):
     return released, _any_element(kinked)
 
 
+def _has_kinks(group):
+    """Return whether elements of a group can be at a kink; laws with history have theirs elsewhere.
+
+    The history of chains is what has slipped, and where it begins to slip they have a kink, too.
+    """
+    return is_one_sided(group) and (group.is_chain or not group.has_memory)
+
+
 def _any_element(masks):
     """Return whether any entry of the arrays in a list is true, scalar bool; some may be None."""
     return jnp.any(jnp.stack([jnp.any(own) for own in masks if own is not None] or [False]))
@@ -126,7 +134,7 @@ def _elements_at_kinks(system, x):
     found, free, x = [], system.dof_map.movable_dofs(), drop_low_part(x)
     for group, state in zip(system.groups, system.states, strict=True):
         own = None
-        if is_one_sided(group) and not group.has_memory:
+        if _has_kinks(group):
             moves = jnp.any(free[group.links], axis=(1, 2))
             own = evaluate_elements("at_kink", group, state, system.nodes, x) & moves
         found.append(own)

@@ -1,0 +1,391 @@
+"""Cables that slide over their nodes with friction, or are clamped there.
+
+Every straight segment has a tension of its own, which `friction` finds for given positions of the
+nodes and given unstressed lengths of the segments. An increment remembers what has slipped over
+each node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+
+from ..common import checks
+from ..common.rules import Rule, not_negative
+from ..common.tree import copy_with, index_array, pytree, set_fields
+from ..common.types import Array, ArrayLike, Bool, Float
+from .abilities import STATEMENTS
+from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
+from .element_state import OwnState
+from .friction import (
+    StraightSegments,
+    axle_bound,
+    deviation_angles,
+    elongations_and_rates,
+    is_at_change,
+    segment_tensions,
+    slips,
+)
+from .prestress import AxialState
+from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
+from .statement import StatedValues, Statement
+
+SEGMENT_TENSION = Result("segment_tension", "N")
+"""Tension of every straight segment of a cable between successive nodes; 0 for fillers."""
+SLIP = Result("slip", "m")
+"""Unstressed length that has slipped over every deviator so far, towards the next segment."""
+FRICTION_USED = Result("friction_used", "-")
+"""Logarithm of the ratio of tensions at every deviator over the largest that friction allows: 1
+where the cable slips towards the next segment, -1 where it slips back, beyond at a clamp."""
+
+
+def _open_or_closed(name, values):
+    """Return the rule that a clamp is open or closed."""
+    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
+
+
+@pytree
+class FrictionState(AxialState):
+    """State of cables that slide with friction: that of others, and what holds at their nodes.
+
+    Attributes:
+        clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
+        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
+            it is in the first segment, and not in all segments alike, [n_elem], m.
+    """
+
+    clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+
+
+@pytree(indices=("links",), kw_only=True)
+class FrictionCables(SlidingCables):
+    """A group of cables that slide with Coulomb friction over their nodes; tension only.
+
+    At every node between its ends, a *deviator* (saddle, pulley, duct), the tensions of a cable on
+    both sides differ at most by a factor ``exp(b)``, and by this factor where it slips, against the
+    slip: ``b = friction theta + wobble l`` with theta the angle between the segments and l the mean
+    of their lengths. Where the cable sticks, no unstressed length passes. Slips are found exactly
+    for all deviators together (`elements.friction`), and remembered at the end of every increment:
+    loads can be reversed, and results depend on the path, so that more increments are more exact.
+
+    A phase clamps a cable to deviators by ``Phase(own={"clamped": {"rope": values}})`` with 1
+    (clamped) or 0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack
+    pulls at the first end, and a shortening is taken out there, so that losses build up along the
+    cable; a negative shortening after lock-off is the draw-in of an anchor. Other changes of length
+    are those of all segments alike: without slip the cable has one tension.
+
+    `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
+    has passed each deviator, `friction_used` how far the friction there is used. Angles are those
+    between straight segments at a node: deviators have no radius.
+
+    Args:
+        links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
+            compliance: as of `SlidingCables`; the law has no history variables.
+        friction: coefficient of friction mu, scalar, [n_elem], or [n_elem, n_deviator] with
+            ``n_deviator = n_end - 2``; default 0.
+        axle_friction: of pulleys that turn with the cable, the friction coefficient of the axle
+            times its radius over the radius of the pulley, likewise, below 1; default 0.
+        wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
+            [n_elem], 1/m; default 0.
+
+    Raises:
+        ValueError: as of `SlidingCables`; a negative coefficient; a law with history variables.
+
+    Source: Euler (1769) for the ratio of tensions.
+
+    Example:
+        A weight of 1 kN hangs on a rope that turns by 90 degrees over a fixed bar, mu = 0.2. The
+        anchor holds ``1000 exp(-0.2 pi / 2)`` N:
+
+        >>> nodes = [[-3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+        >>> rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=1e6, friction=0.2)
+        >>> held = jc.pinned([0, 1]) + jc.restrained([2], "xy")
+        >>> structure = jc.Structure(nodes, {"rope": rope}, held)
+        >>> weight = jc.NodalLoads([2], (0.0, 0.0, -1000.0))
+        >>> solution = jc.solve(structure, jc.Phase(loads=weight))
+        >>> tensions = solution.element_results["segment_tension"]["rope"]
+        >>> print(solution.status, jnp.round(tensions, 6))
+        0 [[ 730.402691 1000.      ]]
+    """
+
+    friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
+    axle_friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
+    wobble: Float[ArrayLike, " n_elem"] | None = None
+
+    symmetric = False
+    has_memory = is_chain = True
+    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SEGMENT_TENSION, SLIP, FRICTION_USED)
+    statements = (
+        *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
+        Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+    )
+    per_element = (  # type: ignore[assignment]  # three more
+        *SlidingCables.per_element,
+        "friction",
+        "axle_friction",
+        "wobble",
+    )
+
+    def __post_init__(self):
+        super().__post_init__()
+        if any(law.n_memory for law in self._laws):
+            raise ValueError("law: has history variables; a cable with friction needs one without")
+
+    def _floats_per_element(self, name):
+        if name not in ("friction", "axle_friction") or getattr(self, name) is None:
+            return super()._floats_per_element(name)
+        count, width = index_array(self.links).shape
+        shapes = (), (count,), (count, width - 2)
+        hint = "; one number, one for each cable, or one for each node between its ends"
+        values = checks.floats_of_shape(getattr(self, name), name, *shapes, hint=hint)
+        pack = checks.numpy_or_jax(values)
+        values = values[:, None] if values.ndim == 1 else values
+        return pack.broadcast_to(values, (count, width - 2))
+
+    def rules(self) -> list[Rule]:
+        """Return the conditions on numbers of the group, those of friction included, a list."""
+        text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
+        axle = Rule("axle_friction", self.axle_friction, lambda v: (v < 0) | (v >= 1), text)
+        others = [not_negative(name, getattr(self, name)) for name in ("friction", "wobble")]
+        return [*super().rules(), *others, axle]
+
+    @property
+    def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
+        """Numbers of the deviators, each of which can be clamped."""
+        count = index_array(self.links).shape[1] - 2
+        return {"clamped": tuple(map(str, range(1, count + 1)))}
+
+    def has_tension_unknown(self, state: OwnState) -> bool:
+        """Return whether the tension can be an unknown of the equations: there are several."""
+        return False
+
+    def without_friction(self, state: OwnState) -> tuple[SlidingCables, AxialState]:
+        """Return the cables and their state as they slide without friction, and without clamps."""
+        group, plain = object.__new__(SlidingCables), object.__new__(AxialState)
+        for new, old in ((group, self), (plain, state)):
+            set_fields(new, **{f.name: getattr(old, f.name) for f in dataclasses.fields(new)})
+        return group, copy_with(plain, memory=None)
+
+    # --- state
+
+    def start(self, ends: Float[Array, "n_elem n_end 3"]) -> FrictionState:
+        """Return the state before the first phase: all segments have one tension, without slip."""
+        state: Any = super().start(ends)
+        fields = {name: getattr(state, name) for name in state._all_fields}
+        clamped = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
+        return FrictionState(**fields, clamped=clamped, fed=jnp.zeros_like(state.rest_length))
+
+    def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
+        """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
+        count, width = index_array(self.links).shape
+        like = next(iter(self.properties().values()))
+        return jnp.zeros((count, width - 2), jnp.asarray(like).dtype)
+
+    def apply_statements(
+        self,
+        state: OwnState,
+        ends: Float[Array, "n_elem n_end 3"],
+        statements: Mapping[str, StatedValues],
+    ) -> FrictionState:
+        """Return the state after the statements of a phase; see the class for shortenings."""
+        known = {name: stated for name, stated in statements.items() if name != "clamped"}
+        state = super().apply_statements(state, ends, known)  # an `AxialState` of the same class
+        if "clamped" in statements:
+            stated = statements["clamped"]
+            state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
+        if "shortening" in statements:
+            state = copy_with(state, fed=state.fed - statements["shortening"].values)
+        return state
+
+    def committed_memory(
+        self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
+    ) -> Float[Array, " n_deviator"]:
+        """Return what has slipped over the deviators of one cable so far, [n_deviator], m."""
+        return self.slip(state, ends, motion)
+
+    # the history of a cable is that of its slips: its law has none, and is asked without
+
+    def force(self, strain: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the axial force of a segment at a strain, N, not negative."""
+        return super().force(strain)
+
+    def strain_at(self, force: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the strain of a segment at an axial force, N."""
+        return super().strain_at(force)
+
+    def energy_per_length(self, strain: Scalar, memory: Array | None = None) -> Scalar:
+        """Return the stored energy per unstressed length at a strain, J/m."""
+        return super().energy_per_length(strain)
+
+    def fibre_stress(
+        self, strain: Scalar, memory: Array | None = None
+    ) -> Float[Array, " n_fibre"] | Scalar:
+        """Return the stresses of the fibres of a segment at a strain, Pa."""
+        return super().fibre_stress(strain)
+
+    def commit_memory(self, strain: Scalar, memory: Array, duration: float = 0.0) -> Array:
+        """Return the slips as they are: a strain does not change them (`committed_memory` does)."""
+        return memory
+
+    def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest strain of the segments of one cable."""
+        return self.strain_at(self.peak_tension(state, ends, motion))
+
+    def has_result(self, name: str, state: OwnState) -> bool:
+        """Return whether elements have a result; section strain: with fibres or rupture."""
+        if name == SECTION_STRAIN.name:
+            return self.section is not None or self.has_rupture
+        return super().has_result(name, state)
+
+    def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
+        """Return the state after lock-off: what has come in at the first end is in the cable."""
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        stretched = elongations_and_rates(segments, found.tension)[0]
+        fed = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
+        fed = jnp.where(self._jack(state)[1], fed, 0.0)
+        return copy_with(
+            state,
+            rest_length=state.rest_length + fed,
+            elongation=state.elongation - fed,
+            fed=state.fed + fed,
+            jack_force=None,
+            jacked=None,
+        )
+
+    def _jack(self, state):
+        """Return the force of a jack at the first end of one cable, N, and whether there is one."""
+        if state.jack_force is None:
+            return None
+        return state.jack_force, True if state.jacked is None else state.jacked
+
+    # --- one cable
+
+    def _segments_with_tensions(self, state, ends, motion):
+        """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
+        change, before, length = segment_length_changes(ends, motion)
+        slip = jnp.pad(state.memory * _stretch(state), 1)
+        excess = before / jnp.sum(before) * (state.elongation + state.fed)
+        excess = excess + change + slip[1:] - slip[:-1]
+        excess = excess.at[0].add(-state.fed)
+        is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
+        bound = self._friction_bound(ends, motion)
+        bound = jnp.where(state.clamped > 0, jnp.inf, bound)
+        bound = jnp.where(is_filler, 0.0, bound)
+        segments = StraightSegments(self, length, excess, bound, self._jack(state))
+        return segments, segment_tensions(segments)
+
+    def _friction_bound(self, ends, motion):
+        """Return the largest logarithms of ratios of successive tensions, without clamps."""
+        segment, length = moved_segments_with_lengths(ends, motion)
+        angle = deviation_angles(segment, length)
+        bound = jnp.zeros_like(angle)
+        if self.friction is not None:
+            bound = bound + self.friction * angle
+        if self.axle_friction is not None:
+            bound = bound + axle_bound(angle, self.axle_friction)
+        if self.wobble is not None:
+            bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
+        return bound
+
+    def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+        """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        return jnp.where(segments.length > 0, found.tension, 0.0)
+
+    def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the mean tension of one cable over its present length, N."""
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        return segments.length @ found.tension / jnp.sum(segments.length)
+
+    def peak_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest tension of the segments of one cable, N."""
+        return jnp.max(self.segment_tension(state, ends, motion))
+
+    def slip(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
+        """Return what has slipped over each deviator so far, towards the next segment, m.
+
+        It is unstressed length at the reference temperature.
+        """
+        return state.memory + slips(*self._segments_with_tensions(state, ends, motion)) / _stretch(
+            state
+        )
+
+    def friction_used(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the logarithm of the ratio of tensions at each deviator over the largest one.
+
+        It is 1 or -1 where the cable slips, towards the next segment or back. At a clamp it says
+        how much friction would be needed. Zero without tension, and where there is no friction.
+        """
+        tension = self._segments_with_tensions(state, ends, motion)[1].tension
+        bound = self._friction_bound(ends, motion)
+        counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
+        ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
+        return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
+
+    def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether no segment of one cable has a tension."""
+        return self.peak_tension(state, ends, motion) <= 0
+
+    def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
+        """Return whether one cable is between taut and slack, or about to slip for the first time.
+
+        Where it has slipped before and loads pause, derivatives are those of slipping on.
+        """
+        change = is_at_change(*self._segments_with_tensions(state, ends, motion))
+        change = change & (state.memory == 0)
+        unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
+        return jnp.any(change) | unstressed
+
+    def absolute_force(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the largest tension of one cable, N: the scale of rounding."""
+        return self.peak_tension(state, ends, motion)
+
+    def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+        """Return the internal force of one cable at every node, sliding load included, N."""
+        segment, length = moved_segments_with_lengths(ends, motion)
+        density = self.segment_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
+        force = _forces_of_segments(density[:, None] * segment)
+        if state.line_load is None:
+            return force
+        return force - self.sliding_load_forces(state, ends, motion)
+
+    def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the stored energy of one cable and what friction dissipates in the increment, J.
+
+        The work of friction is that of the differences of tension at its end. Friction has no
+        potential: end forces are not the gradient of this sum.
+        """
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        strain = self.strain_at(found.tension)
+        stored = jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
+        lost = jnp.sum(jnp.abs(slips(segments, found) * jnp.diff(found.tension)))
+        return stored + lost
+
+    def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+        """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
+        segment, length = moved_segments_with_lengths(ends, motion)
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        real = length > 0
+        rate = elongations_and_rates(segments, found.tension)[1]
+        moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
+        force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
+        return jnp.abs(_forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
+
+
+def _forces_of_segments(pull, sign=-1.0):
+    """Return the forces at the nodes of one cable from the vectors of its tensions, [n_end, 3], N.
+
+    A vector is added at the end of its segment, and at the start multiplied by `sign`.
+    """
+    return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
+
+
+def _stretch(state):
+    """Return the unstressed length of one cable over that at the reference temperature."""
+    return 1.0 if state.thermal_stretch is None else state.thermal_stretch

@@ -1,0 +1,249 @@
+"""Cables that slide with friction: ratios of tensions, slips, clamps, jacks, derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from oracles.convergence import converged
+from oracles.coulomb import angles, draw_in, violations
+from oracles.taylor import TIGHT, assert_gradient
+from oracles.traced import traced
+
+import jaxcable as jc
+
+EA = 1e6
+PLASTIC = jc.Polygonal([0.0, 1e-3, 0.1], [0.0, 2e8, 4e8], "elastic")
+
+
+def over_pulleys(n, **friction):
+    """A rope over n fixed pulleys on half a circle, from an anchor to an end that moves down."""
+    at = np.pi * np.arange(n) / max(n - 1, 1)
+    circle = np.stack([np.cos(at), np.zeros(n), np.sin(at)], axis=1)
+    nodes = np.vstack([[[1.0, 0, -2.0]], circle, [[-1.0, 0, -2.0]]])
+    rope = jc.SlidingCables([range(n + 2)], axial_stiffness=EA, **friction)
+    return jc.Structure(
+        nodes, {"rope": rope}, jc.pinned(range(n + 1)) + jc.restrained([n + 1], "xy")
+    )
+
+
+def of_segments(phase, name="segment_tension"):
+    return np.asarray(phase.element_results[name]["rope"][0])
+
+
+@pytest.mark.parametrize("n", [2, pytest.param(20, marks=pytest.mark.slow)])
+def test_capstan(n):
+    """exp(mu theta) over all pulleys together; axles with friction by the balance of moments."""
+    structure = over_pulleys(n, friction=0.2)
+    pull = jc.Phase(loads=jc.NodalLoads([n + 1], (0.0, 0.0, -1000.0)), increments=2)
+    solution = converged(jc.solve(structure, [jc.Phase(pretension=10.0), pull], TIGHT))
+    tension, turn = of_segments(solution), angles(np.asarray(structure.nodes))
+    assert_allclose(tension, 1000 * np.exp(-0.2 * np.append(np.cumsum(turn[::-1])[::-1], 0)), 1e-12)
+    assert_allclose(of_segments(solution, "friction_used"), 1.0, rtol=1e-12)
+    assert (of_segments(solution, "slip") > 0).all()
+    turning = over_pulleys(n, axle_friction=0.1)
+    high, low = of_segments(converged(jc.solve(turning, [pull], TIGHT)))[[-1, -2]]
+    # (T2 - T1) R = mu r |T2 t2 - T1 t1| with 0.1 = mu r / R
+    resultant = np.sqrt(high**2 + low**2 - 2 * high * low * np.cos(turn[-1]))
+    assert high - low == pytest.approx(0.1 * resultant, rel=1e-11)
+
+
+def loaded(seed, friction, clamped=None, stiffness=EA):
+    """A rope over six nodes in space, two of them on springs, under three loads in turn."""
+    rng = np.random.default_rng(seed)
+    nodes = np.cumsum(rng.uniform(1, 3, (6, 1)) * [1.0, 0, 0], axis=0)
+    nodes = nodes + rng.uniform(-1, 1, (6, 3)) * [0, 0.5, 1.5]
+    rope = jc.SlidingCables([range(6)], axial_stiffness=stiffness, friction=friction)
+    springs = jc.Springs([2, 4], [2e5, 3e5, 1e5])
+    structure = jc.Structure(nodes, {"rope": rope, "springs": springs}, jc.pinned([0, 1, 3, 5]))
+    own = None if clamped is None else {"clamped": {"rope": clamped}}
+    first = jc.NodalLoads([2, 4], [[0, 0, -900.0], [0, 100.0, -600.0]])
+    phases = [jc.Phase(pretension={"rope": 3e3}, loads=first, own=own, increments=2)]
+    for _ in range(2):
+        load = jc.NodalLoads([2, 4], rng.normal(size=(2, 3)) * 300.0)
+        phases.append(jc.Phase(loads=load, increments=2))
+    return structure, phases
+
+
+def assert_coulomb(structure, solution, bound_of, stiffness=EA):
+    """Assert the conditions of friction in every phase; return how many nodes slip, in all."""
+    slid, n = 0, structure.elements["rope"].links.shape[1]
+    for phase in solution.phases:
+        places, tension = np.asarray(phase.positions)[:n], of_segments(phase)
+        # the last increment began with what the one before has left
+        before = np.asarray(phase.path.element_results["slip"]["rope"])[-2, 0]
+        start = np.linalg.norm(np.diff(np.asarray(structure.nodes)[:n], axis=0), axis=1)
+        rest = start / start.sum() * float(phase.rest_length["rope"][0])
+        rest = rest - np.diff(before, prepend=0, append=0)
+        worst, _ = violations(places, tension, rest, bound_of(angles(places)), stiffness)
+        assert worst < 1e-9
+        slid += int((np.abs(of_segments(phase, "friction_used")) > 1 - 1e-9).sum())
+    return slid
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_coulomb_and_equilibrium(seed):
+    """Conditions that have one solution, and forces at free nodes; some nodes slip, some stick."""
+    mu = np.array([[0.0, 0.05, 0.4, 0.15]])
+    structure, phases = loaded(seed, mu)
+    solution = converged(jc.solve(structure, phases, jc.Newton(tol=1e-12, watch=False)))
+    slid = assert_coulomb(structure, solution, lambda theta: mu[0] * theta)
+    assert 3 <= slid < 12  # of four nodes in three phases, one without friction
+    way = np.diff(np.asarray(solution.positions), axis=0)
+    pull = of_segments(solution)[:, None] * way / np.linalg.norm(way, axis=1, keepdims=True)
+    applied = sum(np.asarray(phase.loads.forces) for phase in phases)
+    springs = np.asarray(solution.displacement)[[2, 4]] * [2e5, 3e5, 1e5]
+    assert_allclose((pull[1:] - pull[:-1])[[1, 3]], springs - applied, atol=1e-8)
+
+
+def test_without_friction_and_clamped():
+    """mu = 0 is the cable without friction; clamps are mu without end, and no clamp afterwards."""
+    plain = [converged(jc.solve(*loaded(0, mu))) for mu in (None, 0.0)]
+    for one, other in zip(*(solution.phases for solution in plain), strict=True):
+        assert_allclose(one.displacement, other.displacement, atol=1e-11)
+        assert_allclose(one.tension["rope"], other.tension["rope"], rtol=1e-9)
+    held = [converged(jc.solve(*loaded(0, *given))) for given in ((1e3, None), (0.1, 1.0))]
+    assert_allclose(held[0].displacement, held[1].displacement, atol=1e-13)
+    assert np.abs(of_segments(held[1], "slip")).max() < 1e-15
+    used = [of_segments(phase, "friction_used") for phase in held[1].phases]
+    assert np.abs(used).max() > 1  # what the clamps have to hold
+
+
+@pytest.mark.slow
+def test_pulled_back_and_forth():
+    """A rope over a bar against a spring: a cycle costs friction times slip, by hand.
+
+    The rope is stiff: at the spring it moves as its end does. Going up the end has exp(b) times the
+    tension at the spring, coming back exp(-b) of it.
+    """
+    nodes = np.array([[-2.0, 0, 0], [0.0, 0, 0], [0.0, 0, -1.0], [-5.0, 0, 0]])
+    rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=1e9, friction=0.3)
+    spring = jc.Cables([[3, 0]], axial_stiffness=3e4)  # 10 kN/m
+    held = jc.pinned([1, 2, 3]) + jc.restrained([0], "yz")
+    structure = jc.Structure(nodes, {"rope": rope, "spring": spring}, held)
+
+    def moved(by):
+        return jc.Phase(loads=jc.SupportMovement([2], (0.0, 0.0, by)), increments=8)
+
+    start = jc.Phase(pretension={"rope": 500.0, "spring": 500.0})
+    phases = [start, moved(-0.1), moved(0.08), moved(-0.08)]
+    solution = converged(jc.solve(structure, phases))
+    grows = np.exp(0.3 * np.pi / 2)
+    tensions = np.array([of_segments(phase) for phase in solution.phases[1:]])
+    assert_allclose(tensions[:, 1] / tensions[:, 0], [grows, 1 / grows, grows], rtol=1e-10)
+    assert_allclose(tensions[2], tensions[0], rtol=1e-6)  # the loop closes but for the stiff rope
+    work = 0.0
+    for phase in solution.phases[2:]:
+        path = phase.path
+        force = np.asarray(path.element_results["segment_tension"]["rope"])[:, 0, 1]
+        place = np.asarray(path.displacement)[:, 2, 2]
+        work -= np.sum(np.diff(place) * (force[1:] + force[:-1]) / 2)
+    slip = np.asarray([of_segments(p, "slip")[0] for p in solution.phases])
+    mean = tensions[:2, 0].mean()
+    expected = abs(slip[2] - slip[1]) * (grows - 1 / grows) * mean
+    # the turning points, where it sticks while the spring stays, are within one increment of eight
+    assert work == pytest.approx(expected, rel=0.15)
+
+
+GIVEN = ("jacking", 3e6), ("shortening", -0.006)
+
+
+def tendon(n=21):
+    """A draped tendon in ducts, jacked from its first end; and the bounds of friction."""
+    x = np.linspace(0.0, 30.0, n)
+    nodes = np.stack([x, 0 * x, -4.8 * (x / 30) * (1 - x / 30)], axis=1)
+    one = jc.FrictionCables(
+        links=[range(n)], axial_stiffness=2e8, friction=0.19, wobble=0.19 * 0.005
+    )
+    # a node that moves, so that something is solved for
+    nodes = np.vstack([nodes, [[0.0, 0.0, 1.0]]])
+    mast = jc.Bars([[n, 0]], axial_stiffness=1e9)
+    supports = jc.pinned(range(n)) + jc.restrained([n], "xy")
+    structure = jc.Structure(nodes, {"rope": one, "mast": mast}, supports)
+    nodes = nodes[:n]
+    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    bound = 0.19 * angles(nodes) + 0.19 * 0.005 * 0.5 * (length[1:] + length[:-1])
+    return structure, length, bound
+
+
+def test_losses_of_a_tendon():
+    """Force at the far end, elongation, lock-off, and the draw-in of the anchor."""
+    structure, length, bound = tendon()
+    jack, slip = ({name: {"rope": value, "mast": None}} for name, value in GIVEN)
+    phases = [jc.Phase(**jack), jc.Phase(), jc.Phase(**slip)]
+    solution = converged(jc.solve(structure, phases))
+    losses = 3e6 * np.exp(-np.append(0.0, np.cumsum(bound)))
+    for phase in solution.phases[:2]:
+        assert_allclose(of_segments(phase), losses, rtol=1e-13)
+    rest = np.sum(length / (1 + losses / 2e8))
+    assert float(solution.phases[1].rest_length["rope"][0]) == pytest.approx(rest, rel=1e-14)
+    after = draw_in(3e6, bound, length, 2e8, 0.006)
+    assert_allclose(of_segments(solution), after, rtol=1e-10)
+    assert (after < losses - 1.0).sum() == 8  # it reaches a part of the tendon
+
+
+def weighed(p):
+    """1 kN on both sides of a bar, one held by a spring; then more on the other: its way, m."""
+    nodes = np.array([[-2.0, 0, 0], [0.0, 0, 0], [0.0, 0, -1.0], [-5.0, 0, 0]])
+    rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=p["EA"], friction=p["mu"])
+    spring = jc.Cables([[3, 0]], axial_stiffness=3e4)
+    held = jc.pinned([1, 3]) + jc.restrained([0], "yz") + jc.restrained([2], "xy")
+    structure = jc.Structure(nodes, {"rope": rope, "spring": spring}, held)
+    first, more = (
+        jc.Phase(loads=jc.NodalLoads([2], jnp.stack([0.0, 0.0, -force])))
+        for force in (1000.0, p["more"])
+    )
+    first = jc.replace(first, pretension={"rope": 1000.0, "spring": 1000.0})
+    solution = jc.solve(structure, [first, more], TIGHT)
+    return solution.displacement[2, 2] - solution.phases[0].displacement[2, 2], solution.status
+
+
+CAPACITY = 1000 * (np.exp(0.2 * np.pi / 2) - 1)
+
+
+def test_derivatives():
+    """Beyond what friction holds; below it, where only the hanging part stretches; NaN between."""
+    point = {"mu": jnp.array(0.2), "EA": jnp.array(EA), "more": jnp.array(1.5 * CAPACITY)}
+    gradient = assert_gradient(weighed, point)
+    # exp(-b) of the load stretches 2 m of rope and the spring, whose unstressed length is below 3 m
+    soft = 2 / EA + 3 / (1 + 1000 / 3e4) / 3e4
+    assert -float(gradient["more"]) == pytest.approx(1 / EA + np.exp(-0.1 * np.pi) * soft, rel=2e-3)
+
+    def slope(part):
+        return jax.grad(lambda more: weighed({**point, "more": more})[0])(part * CAPACITY)
+
+    assert slope(0.5) == pytest.approx(-1 / EA, rel=2e-3)  # strains of 1e-3
+    assert np.isnan(slope(1.0))
+
+
+@pytest.mark.slow
+def test_derivatives_of_many_segments():
+    """By friction, stiffness and load, with sticking and slipping nodes; a batch."""
+
+    def lowest(p):
+        structure, phases = loaded(1, p["mu"] * jnp.array([[1.0, 1.0, 2.0, 1.0]]), None, p["EA"])
+        extra = jc.Phase(loads=jc.NodalLoads([4], p["load"]))
+        solution = jc.solve(structure, [*phases, extra], TIGHT)
+        used = solution.element_results["segment_tension"]["rope"][0]
+        return 1e3 * solution.displacement[2, 2] + 1e-3 * used @ jnp.arange(5.0), solution.status
+
+    point = {"mu": 0.1, "EA": EA, "load": jnp.array([50.0, 20.0, -80.0])}
+    assert_gradient(lowest, point)
+    values = traced(jax.vmap(lambda mu: lowest({**point, "mu": mu})[0]))(jnp.array([0.05, 0.1]))
+    alone = [float(lowest({**point, "mu": mu})[0]) for mu in (0.05, 0.1)]
+    assert_allclose(values, alone, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "changes"),
+    [
+        (r"friction\[0, 1\] = -0.1: must not be negative", {"friction": [[0.1, -0.1]]}),
+        (r"axle_friction\[0, 0\] = 1.0: must be from 0 to below 1", {"axle_friction": 1.0}),
+        (r"friction: expected .*shape \(1,\) or \(1, 2\), got \(3,\)", {"friction": [0.1] * 3}),
+        ("law: has history variables", {"law": PLASTIC, "area": 1e-4}),
+    ],
+)
+def test_messages(text, changes):
+    given = {"friction": 0.1} | ({} if "law" in changes else {"axial_stiffness": EA}) | changes
+    with pytest.raises(ValueError, match=text):
+        jc.FrictionCables(links=[[0, 1, 2, 3]], **given)
