@@ -195,7 +195,7 @@ def _search(segments):
     n, dtype = len(zero), zero.dtype
     unstressed = segments.length - segments.excess
     strain = segments.excess / jnp.where(unstressed > 0, unstressed, 1.0)
-    strain = jnp.where(unstressed > 0, strain, 1.0)  # as an end of a bracket only
+    strain = jnp.where(unstressed <= 0, 1.0, strain)  # as an end of a bracket only
     stuck = jnp.where(segments.length > 0, jnp.maximum(segments.cable.force(strain), 0.0), 0.0)
     # infinite at clamps, where comparisons with it are false even if a tension is zero
     growth = jnp.where(segments.bound < _CLAMPED, jnp.exp(segments.bound), jnp.inf).astype(dtype)
@@ -230,7 +230,9 @@ def _search(segments):
         return own, (own, sign)
 
     _, (tension, sign) = lax.scan(go_back, best[-1], (best[:-1], growth), reverse=True)
-    return jnp.concatenate([tension, best[-1:]]), sign
+    # comparisons with NaN are false: they would pass for a cable that sticks
+    given = jnp.sum(segments.excess) + jnp.sum(jnp.minimum(segments.bound, _CLAMPED))
+    return jnp.where(jnp.isnan(given), given, jnp.concatenate([tension, best[-1:]])), sign
 
 
 def _best_tension(segments, growth, best, i, alone, reach):

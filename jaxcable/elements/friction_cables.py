@@ -18,7 +18,7 @@ from ..common.rules import Rule, not_negative
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import STATEMENTS
-from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
+from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Scalar
 from .element_state import OwnState
 from .friction import (
     StraightSegments,
@@ -29,36 +29,15 @@ from .friction import (
     segment_tensions,
     slips,
 )
+from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
 from .prestress import AxialState
 from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
 from .statement import StatedValues, Statement
-
-SEGMENT_TENSION = Result("segment_tension", "N")
-"""Tension of every straight segment of a cable between successive nodes; 0 for fillers."""
-SLIP = Result("slip", "m")
-"""Unstressed length that has slipped over every deviator so far, towards the next segment."""
-FRICTION_USED = Result("friction_used", "-")
-"""Logarithm of the ratio of tensions at every deviator over the largest that friction allows: 1
-where the cable slips towards the next segment, -1 where it slips back, beyond at a clamp."""
 
 
 def _open_or_closed(name, values):
     """Return the rule that a clamp is open or closed."""
     return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
-
-
-@pytree
-class FrictionState(AxialState):
-    """State of cables that slide with friction: that of others, and what holds at their nodes.
-
-    Attributes:
-        clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
-        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
-            it is in the first segment, and not in all segments alike, [n_elem], m.
-    """
-
-    clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
-    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
 
 
 @pytree(indices=("links",), kw_only=True)
@@ -79,16 +58,19 @@ class FrictionCables(SlidingCables):
     are those of all segments alike: without slip the cable has one tension.
 
     `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
-    has passed each deviator, `friction_used` how far the friction there is used. Angles are those
-    between straight segments at a node: deviators have no radius.
+    has passed each deviator, `friction_used` how far the friction there is used, `clamp_force` what
+    a clamp holds. Angles are those between straight segments: deviators have no radius.
 
     Args:
         links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
             compliance: as of `SlidingCables`; the law has no history variables.
         friction: coefficient of friction mu, scalar, [n_elem], or [n_elem, n_deviator] with
-            ``n_deviator = n_end - 2``; default 0.
+            ``n_deviator = n_end - 2`` of the longest chain (shorter ones leave the last numbers
+            unused); default 0.
         axle_friction: of pulleys that turn with the cable, the friction coefficient of the axle
-            times its radius over the radius of the pulley, likewise, below 1; default 0.
+            times its radius over the radius of the pulley, k, likewise, below 1; default 0. It adds
+            ``2 asinh(k sin(theta / 2) / sqrt(1 - k^2))`` to b: ``T2 - T1`` is k times the force on
+            the axle.
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
 
@@ -118,7 +100,10 @@ class FrictionCables(SlidingCables):
 
     symmetric = False
     has_memory = is_chain = True
-    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SEGMENT_TENSION, SLIP, FRICTION_USED)
+    results = (
+        *(TENSION, PEAK_TENSION, SECTION_STRAIN),
+        *(SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
+    )
     statements = (
         *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
         Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
@@ -132,6 +117,8 @@ class FrictionCables(SlidingCables):
 
     def __post_init__(self):
         super().__post_init__()
+        if index_array(self.links).shape[1] < 3:
+            raise ValueError("links: no cable has a node between its ends; take Cables")
         if any(law.n_memory for law in self._laws):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
@@ -176,8 +163,18 @@ class FrictionCables(SlidingCables):
         """Return the state before the first phase: all segments have one tension, without slip."""
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
-        clamped = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        return FrictionState(**fields, clamped=clamped, fed=jnp.zeros_like(state.rest_length))
+        zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
+        fed = jnp.zeros_like(state.rest_length)
+        return FrictionState(**fields, clamped=zero, fed=fed, laid=zero)
+
+    def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
+        """Return the state of one cable activated here, all of whose segments have one strain."""
+        state = super().state_at_activation(state, ends, motion)
+        change, before, length = segment_length_changes(ends, motion)
+        share, now = before / jnp.sum(before), length / jnp.sum(length)
+        # by how much the excess of length of a segment would differ from its share of the whole
+        excess = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
+        return copy_with(state, laid=jnp.cumsum(excess)[:-1], fed=jnp.zeros_like(state.fed))
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
@@ -267,7 +264,7 @@ class FrictionCables(SlidingCables):
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         change, before, length = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _stretch(state), 1)
+        slip = jnp.pad(state.memory * _stretch(state) + state.laid, 1)
         excess = before / jnp.sum(before) * (state.elongation + state.fed)
         excess = excess + change + slip[1:] - slip[:-1]
         excess = excess.at[0].add(-state.fed)
@@ -327,6 +324,17 @@ class FrictionCables(SlidingCables):
         counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
         ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
         return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
+
+    def clamp_force(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the difference of the tensions at each clamp of one cable, N; 0 without a clamp.
+
+        It is that of the next segment less that before, what a clamp holds if friction does not
+        help.
+        """
+        tension = self._segments_with_tensions(state, ends, motion)[1].tension
+        return jnp.where(state.clamped > 0, jnp.diff(tension), 0.0)
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether no segment of one cable has a tension."""

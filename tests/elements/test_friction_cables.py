@@ -234,16 +234,36 @@ def test_derivatives_of_many_segments():
     assert_allclose(values, alone, rtol=1e-9)
 
 
+def test_added_where_the_nodes_are_then():
+    """A rope that a phase adds is unstressed in every part; then a clamp holds a difference."""
+    nodes = [[-12.0, 0, 0], [0.0, 0, 9.0], [12.0, 0, 0]]
+    rope = jc.FrictionCables([[0, 1, 2]], axial_stiffness=2e7, friction=0.2)
+    groups = {"rope": rope, "springs": jc.Springs([2], (1e8, 1e8, 1e5))}
+    structure = jc.Structure(nodes, groups, jc.pinned([0, 1]))
+    sinks = jc.Phase(loads=jc.NodalLoads([2], (0, 0, -60e3)), removes="rope")  # by 0.6 m
+    added = jc.Phase(adds="rope", own={"clamped": {"rope": 1.0}})
+    more = jc.Phase(loads=jc.NodalLoads([2], (0, 0, -9e3)))
+    solution = converged(jc.solve(structure, [sinks, added, more]))
+    assert np.abs(of_segments(solution.phases[1])).max() < 1e-3
+    assert float(solution.phases[1].displacement[2, 2]) == pytest.approx(-0.6, abs=1e-9)
+    left, right = of_segments(solution)
+    assert left < 1e-3 < right == pytest.approx(of_segments(solution, "clamp_force")[0])
+    broken = jc.FrictionCables([[0, 1, 2]], axial_stiffness=2e7, friction=np.nan)
+    other = jc.Structure(nodes, groups | {"rope": broken}, jc.pinned([0, 1]))
+    assert int(jc.solve(other, [sinks, added, more]).status) != jc.status.OK
+
+
 @pytest.mark.parametrize(
     ("text", "changes"),
     [
         (r"friction\[0, 1\] = -0.1: must not be negative", {"friction": [[0.1, -0.1]]}),
         (r"axle_friction\[0, 0\] = 1.0: must be from 0 to below 1", {"axle_friction": 1.0}),
         (r"friction: expected .*shape \(1,\) or \(1, 2\), got \(3,\)", {"friction": [0.1] * 3}),
+        ("links: no cable has a node between its ends", {"links": [[0, 1]]}),
         ("law: has history variables", {"law": PLASTIC, "area": 1e-4}),
     ],
 )
 def test_messages(text, changes):
     given = {"friction": 0.1} | ({} if "law" in changes else {"axial_stiffness": EA}) | changes
     with pytest.raises(ValueError, match=text):
-        jc.FrictionCables(links=[[0, 1, 2, 3]], **given)
+        jc.FrictionCables(**{"links": [[0, 1, 2, 3]]} | given)

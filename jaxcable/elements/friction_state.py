@@ -1,0 +1,35 @@
+"""State and results of cables that slide with friction."""
+
+from __future__ import annotations
+
+from ..common.tree import pytree
+from ..common.types import Array, Float
+from .element import Result
+from .prestress import AxialState
+
+SEGMENT_TENSION = Result("segment_tension", "N")
+"""Tension of every straight segment of a cable between successive nodes; 0 for fillers."""
+SLIP = Result("slip", "m")
+"""Unstressed length that has slipped over every deviator so far, towards the next segment."""
+FRICTION_USED = Result("friction_used", "-")
+"""Logarithm of the ratio of tensions at every deviator over the largest that friction allows: 1
+where the cable slips towards the next segment, -1 where it slips back, beyond at a clamp."""
+CLAMP_FORCE = Result("clamp_force", "N")
+"""Difference of the tensions at every clamp, that of the next segment less that before; else 0."""
+
+
+@pytree
+class FrictionState(AxialState):
+    """State of cables that slide with friction: that of others, and what holds at their nodes.
+
+    Attributes:
+        clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
+        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
+            it is in the first segment, and not in all segments alike, [n_elem], m.
+        laid: unstressed length beyond each deviator that a cable has there more than in the initial
+            position, because it was added where the nodes were then, [n_elem, n_deviator], m.
+    """
+
+    clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+    laid: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
