@@ -64,13 +64,12 @@ class FrictionCables(SlidingCables):
     Args:
         links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
             compliance: as of `SlidingCables`; the law has no history variables.
-        friction: coefficient of friction mu, scalar, [n_elem], or [n_elem, n_deviator] with
-            ``n_deviator = n_end - 2`` of the longest chain (shorter ones leave the last numbers
-            unused); default 0.
-        axle_friction: of pulleys that turn with the cable, the friction coefficient of the axle
-            times its radius over the radius of the pulley, k, likewise, below 1; default 0. It adds
-            ``2 asinh(k sin(theta / 2) / sqrt(1 - k^2))`` to b: ``T2 - T1`` is k times the force on
-            the axle.
+        friction: coefficient of friction mu, without unit, scalar, [n_elem], or
+            [n_elem, n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones
+            leave the last numbers unused); default 0.
+        axle_friction: of pulleys that turn with the cable, k, the friction coefficient of the axle
+            times its radius over that of the pulley, without unit, likewise, below 1; default 0. It
+            alone lets the tensions differ by k times the force on the axle; both add up in b.
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
 

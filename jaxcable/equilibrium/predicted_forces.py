@@ -25,6 +25,8 @@ in geometrically non-linear structural problem discretized via displacement-base
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -102,7 +104,7 @@ class PredictedForces:
         system: System,
         chords: Chords,
         row_step: Forces,
-        force: Float[Array, " n"],
+        tangents: Sequence[Float[Array, "n_elem d d"]],
         predicting: Bool[Array, ""],
     ) -> tuple[PredictedForces, Float[Array, ""], Float[Array, ""]]:
         """Return `PredictedForces` after a step, the fraction to take, the work of cut forces, J.
@@ -114,11 +116,12 @@ class PredictedForces:
             system: `System`.
             chords: `Chords` of all elements that have them, before the step.
             row_step: the step, of all nodes (rows).
-            force: axial forces after the step, linearized, [n], N (`Chords.forces_after_step`).
+            tangents: element tangents before the step, per group [n_elem, d, d], N/m.
             predicting: whether the step's matrix has predicted forces; else the fraction is 1.
         """
         apart = second_minus_first_end(system, row_step)
         longer = chords.linearized_elongation(apart)
+        force = chords.forces_after_step(system, tangents, row_step, longer)
         predicted = self.for_step(system, force, predicting)
         fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
         fraction = jnp.where(predicting, fraction, 1.0)

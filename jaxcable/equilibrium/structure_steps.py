@@ -199,9 +199,8 @@ class StructureSteps(StepMethod):
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
             chords = point.elements[1]
-            force = chords.forces_after_step(system, tangents, row_step)
             predicted, fraction, cut = predicted.after_step(
-                system, chords, row_step, force, predicting
+                system, chords, row_step, tangents, predicting
             )
             slope = slope - cut
         if unknowns is not None:

@@ -71,27 +71,31 @@ class Chords:
         system: System,
         tangents: Sequence[Float[Array, "n_elem d d"]],
         row_step: Forces,
+        longer: Float[Array, " n"],
     ) -> Float[Array, " n"]:
         """Return the axial forces after a step of all nodes (rows), linearized, [n], N.
 
-        `tangents` are the matrices of the elements, [n_elem, d, d], N/m, per group.
+        Args:
+            system: the system of the chords.
+            tangents: element tangents, per group [n_elem, d, d], N/m.
+            row_step: the step.
+            longer: `linearized_elongation` by it, [n], m.
         """
-        longer = self.linearized_elongation(second_minus_first_end(system, row_step))
-        changes, start = [], 0
-        for group, matrix in zip(system.groups, tangents, strict=True):
-            if not has_chord(group):
-                continue
-            n = n_chord(group)
-            along, own = self.along[start : start + n], longer[start : start + n]
-            start += n
-            if group.is_chain:
+        pairs = [pair for pair in zip(system.groups, tangents, strict=True) if has_chord(pair[0])]
+        blocks = [
+            jnp.zeros((n_chord(group), 3, 3), longer.dtype) if group.is_chain else matrix[:, 3:, 3:]
+            for group, matrix in pairs
+        ]
+        slopes = jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
+        force, start = self.force + slopes * longer, 0
+        for group, matrix in pairs:
+            own = slice(start, start := start + n_chord(group))
+            if group.is_chain:  # where every force depends on all lengths
                 step = row_step[group.links][..., :3]
-                forces = jnp.einsum("eij,ej->ei", matrix, step.reshape(len(step), -1))
-                change = jnp.sum(along * _pulls_of_segments(forces.reshape(step.shape)), axis=1)
-            else:
-                change = jnp.einsum("ni,nij,nj->n", along, matrix[:, 3:, 3:], along) * own
-            changes.append(change)
-        return self.force + jnp.concatenate(changes)
+                change = jnp.einsum("eij,ej->ei", matrix, step.reshape(len(step), -1))
+                pulls = _pulls_of_segments(change.reshape(step.shape))
+                force = force.at[own].add(jnp.sum(self.along[own] * pulls, axis=1))
+        return force
 
     def tangents_with_geometric_stiffness(
         self,
@@ -110,13 +114,17 @@ class Chords:
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
+        row = jnp.concatenate([block, -block], axis=2)
+        of_ends = jnp.concatenate([row, -row], axis=1)
         found, start = [], 0
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
-                n = group.links.shape[1] - 1
-                own = block[start : start + n * len(matrix)]
-                start += len(own)
-                matrix = matrix + _matrices_of_chains(own.reshape(-1, n, 3, 3))
+                own = slice(start, start := start + n_chord(group))
+                matrix = matrix + (
+                    _matrices_of_chains(block[own].reshape(len(matrix), -1, 3, 3))
+                    if group.is_chain
+                    else of_ends[own]
+                )
             found.append(matrix)
         return found
 
@@ -138,9 +146,6 @@ def _matrices_of_chains(blocks):
     A block is that between the second end of a segment and itself; others differ in sign.
     """
     n = blocks.shape[1]
-    if n == 1:
-        row = jnp.concatenate([blocks[:, 0], -blocks[:, 0]], axis=2)
-        return jnp.concatenate([row, -row], axis=1)
     ends = np.eye(n, n + 1, 1) - np.eye(n, n + 1)  # of each segment
     matrix = jnp.einsum("pa,epij,pb->eaibj", ends, blocks, ends.astype(blocks.dtype))
     return matrix.reshape(len(blocks), 3 * (n + 1), 3 * (n + 1))
