@@ -62,8 +62,8 @@ class FrictionCables(SlidingCables):
     a clamp holds. Angles are those between straight segments: deviators have no radius.
 
     Args:
-        links, axial_stiffness, area, law, section, rest_length, weight, expansion, strength,
-            compliance: as of `SlidingCables`; the law has no history variables.
+        axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:
+            as of `SlidingCables`, and so are `links`; the law has no history variables.
         friction: coefficient of friction mu, without unit, scalar, [n_elem], or
             [n_elem, n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones
             leave the last numbers unused); default 0.
