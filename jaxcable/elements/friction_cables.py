@@ -74,7 +74,7 @@ class FrictionCables(SlidingCables):
             [n_elem], 1/m; default 0.
 
     Raises:
-        ValueError: as of `SlidingCables`; a negative coefficient; a law with history variables.
+        ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history.
 
     Source: Euler (1769) for the ratio of tensions.
 
@@ -137,6 +137,9 @@ class FrictionCables(SlidingCables):
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
         axle = Rule("axle_friction", self.axle_friction, lambda v: (v < 0) | (v >= 1), text)
         others = [not_negative(name, getattr(self, name)) for name in ("friction", "wobble")]
+        text = "softens; a cable with friction needs a law whose stress does not fall"
+        for stress in filter(lambda s: s is not None, (x.softening_stresses() for x in self._laws)):
+            others.append(Rule("law", stress, lambda s: (s[..., 1:] < s[..., :-1]).any(), text))
         return [*super().rules(), *others, axle]
 
     @property
@@ -315,8 +318,7 @@ class FrictionCables(SlidingCables):
     ) -> Float[Array, " n_deviator"]:
         """Return the logarithm of the ratio of tensions at each deviator over the largest one.
 
-        It is 1 or -1 where the cable slips, towards the next segment or back. At a clamp it says
-        how much friction would be needed. Zero without tension, and where there is no friction.
+        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction.
         """
         tension = self._segments_with_tensions(state, ends, motion)[1].tension
         bound = self._friction_bound(ends, motion)
@@ -329,8 +331,7 @@ class FrictionCables(SlidingCables):
     ) -> Float[Array, " n_deviator"]:
         """Return the difference of the tensions at each clamp of one cable, N; 0 without a clamp.
 
-        It is that of the next segment less that before, what a clamp holds if friction does not
-        help.
+        It is that of the next segment less that before; friction helps to hold it.
         """
         tension = self._segments_with_tensions(state, ends, motion)[1].tension
         return jnp.where(state.clamped > 0, jnp.diff(tension), 0.0)

@@ -13,6 +13,7 @@ from oracles.traced import traced
 import jaxcable as jc
 
 EA = 1e6
+SOFTENING = jc.Polygonal([0.0, 1e-3, 0.1], [0.0, 2e8, 1e8])
 PLASTIC = jc.Polygonal([0.0, 1e-3, 0.1], [0.0, 2e8, 4e8], "elastic")
 
 
@@ -260,6 +261,7 @@ def test_added_where_the_nodes_are_then():
         (r"axle_friction\[0, 0\] = 1.0: must be from 0 to below 1", {"axle_friction": 1.0}),
         (r"friction: expected .*shape \(1,\) or \(1, 2\), got \(3,\)", {"friction": [0.1] * 3}),
         ("links: no cable has a node between its ends", {"links": [[0, 1]]}),
+        ("law: softens", {"law": SOFTENING, "area": 1e-4}),
         ("law: has history variables", {"law": PLASTIC, "area": 1e-4}),
     ],
 )
