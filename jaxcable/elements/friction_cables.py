@@ -243,8 +243,8 @@ class FrictionCables(SlidingCables):
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
-        stretched = elongations_and_rates(segments, found.tension)[0]
-        fed = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
+        gained = jnp.where(found.tension > 0, found.gained, segments.excess)
+        fed = gained[0] + jnp.sum(slips(found)[:1])
         fed = jnp.where(self._jack(state)[1], fed, 0.0)
         return copy_with(
             state,
@@ -270,17 +270,14 @@ class FrictionCables(SlidingCables):
         excess = before / jnp.sum(before) * (state.elongation + state.fed)
         excess = excess + change + slip[1:] - slip[:-1]
         excess = excess.at[0].add(-state.fed)
-        is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
-        bound = self._friction_bound(ends, motion)
-        bound = jnp.where(state.clamped > 0, jnp.inf, bound)
-        bound = jnp.where(is_filler, 0.0, bound)
-        segments = StraightSegments(self, length, excess, bound, self._jack(state))
+        segment = moved_segments_with_lengths(ends, motion)[0]
+        bound = self._friction_bound(deviation_angles(segment, length), length)
+        clamped = (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
+        segments = StraightSegments(self, length, excess, bound, clamped, self._jack(state))
         return segments, segment_tensions(segments)
 
-    def _friction_bound(self, ends, motion):
-        """Return the largest logarithms of ratios of successive tensions, without clamps."""
-        segment, length = moved_segments_with_lengths(ends, motion)
-        angle = deviation_angles(segment, length)
+    def _friction_bound(self, angle, length):
+        """Return the largest logarithms of ratios of tensions at deviators, without clamps."""
         bound = jnp.zeros_like(angle)
         if self.friction is not None:
             bound = bound + self.friction * angle
@@ -288,7 +285,7 @@ class FrictionCables(SlidingCables):
             bound = bound + axle_bound(angle, self.axle_friction)
         if self.wobble is not None:
             bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
-        return bound
+        return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
     def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
@@ -309,9 +306,8 @@ class FrictionCables(SlidingCables):
 
         It is unstressed length at the reference temperature.
         """
-        return state.memory + slips(*self._segments_with_tensions(state, ends, motion)) / _stretch(
-            state
-        )
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        return state.memory + slips(found) / _stretch(state)
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -320,11 +316,11 @@ class FrictionCables(SlidingCables):
 
         1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction.
         """
-        tension = self._segments_with_tensions(state, ends, motion)[1].tension
-        bound = self._friction_bound(ends, motion)
-        counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
-        ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
-        return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        before, after = found.at_deviators()
+        counts = (before > 0) & (after > 0) & (found.bound > 0)
+        ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
+        return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
 
     def clamp_force(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -333,8 +329,8 @@ class FrictionCables(SlidingCables):
 
         It is that of the next segment less that before; friction helps to hold it.
         """
-        tension = self._segments_with_tensions(state, ends, motion)[1].tension
-        return jnp.where(state.clamped > 0, jnp.diff(tension), 0.0)
+        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        return jnp.where(state.clamped > 0, after - before, 0.0)
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether no segment of one cable has a tension."""
@@ -345,7 +341,8 @@ class FrictionCables(SlidingCables):
 
         Where it has slipped before and loads pause, derivatives are those of slipping on.
         """
-        change = is_at_change(*self._segments_with_tensions(state, ends, motion))
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        change = is_at_change(found, segments.length) & (state.clamped == 0)
         change = change & (state.memory == 0)
         unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
         return jnp.any(change) | unstressed
@@ -372,7 +369,8 @@ class FrictionCables(SlidingCables):
         segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
         stored = jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
-        lost = jnp.sum(jnp.abs(slips(segments, found) * jnp.diff(found.tension)))
+        before, after = found.at_deviators()
+        lost = jnp.sum(jnp.abs(slips(found) * (after - before)))
         return stored + lost
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
