@@ -92,17 +92,23 @@ class SegmentTensions(NamedTuple):
 
 
 def deviation_angles(
-    segments: Float[Array, "n 3"], lengths: Float[Array, " n"]
+    before: Float[Array, "n_deviator 3"], after: Float[Array, "n_deviator 3"]
 ) -> Float[Array, " n_deviator"]:
-    """Return the angles between successive segments of a cable, [n - 1], rad; 0 beside fillers.
+    """Return the angles between the vectors of a cable before and after each deviator, rad.
 
-    The angle has no derivative where it is zero; zero is returned for it.
+    The angle has no derivative where it is zero; zero is returned for it, and beside vectors
+    without length.
     """
-    unit = segments / jnp.where(lengths > 0, lengths, 1.0)[:, None]
-    square = jnp.sum(jnp.cross(unit[:-1], unit[1:]) ** 2, axis=1)
+
+    def unit(vector):
+        square = jnp.sum(vector**2, axis=1, keepdims=True)
+        return vector / jnp.sqrt(jnp.where(square > 0, square, 1.0))
+
+    first, second = unit(before), unit(after)
+    square = jnp.sum(jnp.cross(first, second) ** 2, axis=1)
     sine = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-    cosine = jnp.sum(unit[:-1] * unit[1:], axis=1)
-    return jnp.where(lengths[1:] * lengths[:-1] > 0, jnp.arctan2(sine, cosine), 0.0)
+    is_real = jnp.any(before != 0, axis=1) & jnp.any(after != 0, axis=1)
+    return jnp.arctan2(sine, jnp.where(is_real, jnp.sum(first * second, axis=1), 1.0))
 
 
 def axle_bound(

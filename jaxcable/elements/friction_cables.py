@@ -265,19 +265,34 @@ class FrictionCables(SlidingCables):
 
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
-        change, before, length = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _stretch(state) + state.laid, 1)
-        excess = before / jnp.sum(before) * (state.elongation + state.fed)
-        excess = excess + change + slip[1:] - slip[:-1]
-        excess = excess.at[0].add(-state.fed)
-        segment = moved_segments_with_lengths(ends, motion)[0]
-        bound = self._friction_bound(deviation_angles(segment, length), length)
-        clamped = (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
+        segment, length = moved_segments_with_lengths(ends, motion)
+        excess = self.excess_lengths(state, ends, motion)
+        bound = self.friction_bound(deviation_angles(segment[:-1], segment[1:]), length)
+        clamped = self.closed_clamps(state, length)
         segments = StraightSegments(self, length, excess, bound, clamped, self._jack(state))
         return segments, segment_tensions(segments)
 
-    def _friction_bound(self, angle, length):
-        """Return the largest logarithms of ratios of tensions at deviators, without clamps."""
+    def excess_lengths(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+        """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
+        change, before, _ = segment_length_changes(ends, motion)
+        slip = jnp.pad(state.memory * _stretch(state) + state.laid, 1)
+        excess = before / jnp.sum(before) * (state.elongation + state.fed)
+        excess = excess + change + slip[1:] - slip[:-1]
+        return excess.at[0].add(-state.fed)
+
+    def closed_clamps(
+        self, state: OwnState, length: Float[Array, " n"]
+    ) -> Bool[Array, " n_deviator"]:
+        """Return where one cable is clamped; `length` has the chords of its segments, [n], m."""
+        return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
+
+    def friction_bound(
+        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
+    ) -> Float[Array, " n_deviator"]:
+        """Return the largest logarithms of ratios of tensions that friction allows, without clamps.
+
+        `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
+        """
         bound = jnp.zeros_like(angle)
         if self.friction is not None:
             bound = bound + self.friction * angle

@@ -104,9 +104,9 @@ def _best_tensions(segments, growth, drop):
         ends = low - drop[i - 1], high - drop[i - 1]
         low = ends[0] / ratio - drop[i]
         high = jnp.where(ends[1] > 0, ends[1] * ratio, ends[1]) - drop[i]
-        alone = jnp.where(segments.is_real[i], segments.stuck[i], before)
-        found = _best_tension(segments, growth, drop, best, i, alone, (low, high))
         end = before - drop[i - 1]
+        alone = jnp.where(segments.is_real[i], segments.stuck[i], end - drop[i])
+        found = _best_tension(segments, growth, drop, best, i, alone, (low, high))
         sticks = ~((alone + drop[i]) * ratio < end) & ~(alone + drop[i] > end * ratio)
         found = jnp.where(sticks, alone, found)
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
