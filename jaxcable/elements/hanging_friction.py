@@ -4,8 +4,8 @@ With the mean tau of the tensions at both ends of a segment, the load q per unst
 the chord d, the tensions at the first and the last end are ``tau +- q.d / (2 (1 + tau/EA))``,
 whatever the unstressed length. The search of `slip_search` then needs the unstressed length that a
 segment takes under a tension. It gets a function with the terms of a shallow cable that agrees with
-the catenary, in value and slope, at the present unstressed lengths, and is repeated, with the
-angles as they are then, until these do not change.
+the catenary at the last two unstressed lengths, and is repeated, with the angles as they are then,
+until these do not change.
 
 A deep catenary, whose tension rises with its length, pulls ever more cable towards itself where it
 slips: there is no equilibrium, and the result is NaN. (Derived for this package.)
@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.types import Array, Bool, Float
+from ..common.types import Array, Bool, Float, Int
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from . import hanging
 from .element import Scalar
@@ -85,16 +85,6 @@ def hanging_tensions(segments: HangingSegments) -> tuple[SegmentTensions, Hangin
     return _with_slips(segments, elongation, shape, sign), shape
 
 
-def tension_slopes(
-    segments: HangingSegments, unstressed: Float[Array, " n"]
-) -> tuple[HangingShape, Float[Array, " n"]]:
-    """Return the shape, and by how much mean tensions rise as segments are shortened, [n], N/m."""
-    elongation = segments.length - unstressed
-    one = jnp.ones_like(elongation)
-    shape, rate = jax.jvp(partial(_hang, segments), (elongation,), (one,))
-    return shape, rate.tension
-
-
 def _hang(segments, elongation):
     """Return the `HangingShape` where chords exceed unstressed lengths by `elongation`, [n], m."""
     real = segments.length > 0
@@ -124,16 +114,57 @@ def _with_slips(segments, elongation, shape, sign):
     return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained)
 
 
+def shallow_elongations(
+    segments: HangingSegments, tension: Float[Array, " n"]
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Return by how much chords exceed unstressed lengths under mean tensions, [n], m, and rates.
+
+    They are those of shallow cables; the rates are the derivatives by the tensions, [n], m/N.
+    """
+    weight, unit = magnitude_and_direction(segments.load)
+    across2 = segments.length**2 - (segments.chord @ unit) ** 2
+    some = jnp.where(tension > 0, tension, 1.0)
+    sag = weight**2 * across2 * segments.length / 24 / some**2
+    sag = jnp.where(tension > 0, jnp.maximum(sag, 0.0), 0.0)
+    strain = tension / segments.stiffness
+    stretched = segments.length / (1 + strain)
+    return stretched * strain - sag, stretched / (1 + strain) / segments.stiffness + 2 * sag / some
+
+
 def _mismatches(elongation, parameters):
     """Return `mismatches` of hanging segments; of slack ones and fillers those of elongations."""
     segments, sign = parameters
-    unstressed = segments.length - lax.stop_gradient(elongation)
-    known, slope = tension_slopes(lax.stop_gradient(segments), unstressed)
-    held = (segments.length <= 0) | (known.tension <= 0)
-    rate = jnp.where(held, 1e-3, 1) / jnp.where(held, 1.0, slope)  # only scales, but is not zero
-    found = _with_slips(segments, elongation, _hang(segments, elongation), sign)
+    shape = _hang(segments, elongation)
+    tension = lax.stop_gradient(shape.tension)
+    held = (segments.length <= 0) | (tension <= 0)
+    # rates only scale the equations, but are not zero
+    rate = jnp.where(held, 1.0, shallow_elongations(lax.stop_gradient(segments), tension)[1])
+    found = _with_slips(segments, elongation, shape, sign)
     kept = elongation - jnp.where(segments.length > 0, segments.excess, 0.0)
     return jnp.where(held, kept, mismatches(found, rate, segments.jack))
+
+
+class _SearchState(NamedTuple):
+    """State of the search for slips.
+
+    Attributes:
+        elongation: of the segments, [n], m.
+        sign: of the slips, [n - 1].
+        before, tension: elongations and mean tensions of the step before, [n], m and N.
+        ratio: by how much faster the elongations change with tension than those of shallow cables.
+        moved: largest change of an elongation in this step, m.
+        runs_away: whether a segment slips whose tension rises with its length.
+        count: number of steps.
+    """
+
+    elongation: Float[Array, " n"]
+    sign: Float[Array, " n_deviator"]
+    before: Float[Array, " n"]
+    tension: Float[Array, " n"]
+    ratio: Float[Array, " n"]
+    moved: Scalar
+    runs_away: Bool[Array, ""]
+    count: Int[Array, ""]
 
 
 def _search(segments):
@@ -145,55 +176,55 @@ def _search(segments):
     alone = jnp.where(real, segments.excess, 0.0)
     stuck = _hang(segments, alone).tension
     eps = jnp.finfo(alone.dtype).eps * jnp.sum(segments.length)
-    beside = real[1:] & real[:-1]
 
     def step(s):
-        elongation, _, _, _, count = s
-        shape, slope = tension_slopes(segments, segments.length - elongation)
-        model = partial(_shallow_elongations, segments, elongation, shape.tension, slope)
+        shape = _hang(segments, s.elongation)
+        ratio, deep = _secant_ratio(segments, s, shape.tension)
+        model = partial(_near_elongations, segments, s.elongation, shape.tension, ratio)
         bound = jnp.where(segments.clamped, jnp.inf, shape.bound)
         tension, sign = tensions_and_signs(
             SegmentsThatSlip(stuck, segments.excess, real, bound, shape.drop, model, segments.jack)
         )
-        sign = jnp.where(beside, sign, 0.0)
+        sign = jnp.where(real[1:] & real[:-1], sign, 0.0)
         slips = jnp.pad(sign, 1) != 0
-        moves = slips[1:] | slips[:-1]
+        changes = slips[1:] | slips[:-1]
         if segments.jack is not None:
-            moves = moves.at[0].set(moves[0] | segments.jack[1])
-        new = jnp.where(moves & real, model(tension)[0], alone)
-        runs_away = jnp.any(moves & (tension > 0) & (slope <= 0))
-        return new, sign, jnp.max(jnp.abs(new - elongation)), runs_away, count + 1
+            changes = changes.at[0].set(changes[0] | segments.jack[1])
+        changes = changes & real
+        new = jnp.where(changes, model(tension)[0], alone)
+        moved = jnp.max(jnp.abs(new - s.elongation))
+        runs_away = jnp.any(changes & deep)
+        last = s.elongation, shape.tension
+        return _SearchState(new, sign, *last, ratio, moved, runs_away, s.count + 1)
 
     def unfinished(s):
-        _, _, moved, _, count = s
-        return (moved > 2 * eps) & (count < _MAX_SEARCHES)
+        return (s.moved > 2 * eps) & (s.count < _MAX_SEARCHES)
 
-    far = jnp.full_like(alone[0], jnp.inf)
-    start = alone, jnp.zeros_like(alone[1:]), far, jnp.zeros((), bool), jnp.int32(0)
-    elongation, sign, moved, runs_away, _ = lax.while_loop(unfinished, step, start)
-    fails = runs_away | ~(moved <= 8 * eps)
-    return jnp.where(fails, jnp.nan, elongation), sign
+    one, far = jnp.ones_like(alone), jnp.full_like(eps, jnp.inf)
+    start = _SearchState(
+        *(alone, jnp.zeros_like(alone[1:]), alone, stuck, one, far),
+        *(jnp.zeros((), bool), jnp.int32(0)),
+    )
+    end = lax.while_loop(unfinished, step, start)
+    fails = end.runs_away | ~(end.moved <= 8 * eps)
+    return jnp.where(fails, jnp.nan, end.elongation), end.sign
 
 
-def _shallow_elongations(segments, elongation, tension, slope, new):
-    """Return elongations under the tensions `new`, [n], m, as of shallow cables, and their rates.
+def _secant_ratio(segments, s, tension):
+    """Return the ratio of `_SearchState` between two steps, and which segments are deep, [n]."""
+    change = s.elongation - s.before
+    expected = (
+        shallow_elongations(segments, tension)[0] - shallow_elongations(segments, s.tension)[0]
+    )
+    precise = jnp.sqrt(jnp.finfo(change.dtype).eps) * segments.length
+    counts = (jnp.abs(change) > precise) & (jnp.abs(expected) > precise)
+    secant = change / jnp.where(counts, expected, 1.0)
+    deep = counts & (secant < 0)
+    limited = jnp.clip(secant, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
+    return jnp.where(counts & ~deep, limited, s.ratio), deep
 
-    They agree with those of the catenaries at the elongations, m, tensions, N, and slopes of the
-    tensions by the elongations, N/m, each [n].
-    """
-    weight, unit = magnitude_and_direction(segments.load)
-    across2 = segments.length**2 - (segments.chord @ unit) ** 2
-    sag = jnp.maximum(weight**2 * across2 * segments.length / 24, 0.0)
 
-    def shallow(tension):
-        strain, some = tension / segments.stiffness, jnp.where(tension > 0, tension, 1.0)
-        sags = jnp.where(tension > 0, sag, 0.0)
-        rate = segments.length / segments.stiffness / (1 + strain) ** 2 + 2 * sags / some**3
-        return segments.length * strain / (1 + strain) - sags / some**2, rate
-
-    value, rate = shallow(tension)
-    ratio = 1 / jnp.where(slope > 0, slope, 1.0) / jnp.where(rate > 0, rate, 1.0)
-    ratio = jnp.clip(ratio, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
-    ratio = jnp.where((slope > 0) & (rate > 0), ratio, 1.0)
-    later, later_rate = shallow(new)
-    return elongation + ratio * (later - value), ratio * later_rate
+def _near_elongations(segments, elongation, tension, ratio, new):
+    """Return elongations under tensions `new` near known ones, [n], m, and their rates, m/N."""
+    later, rate = shallow_elongations(segments, new)
+    return elongation + ratio * (later - shallow_elongations(segments, tension)[0]), ratio * rate

@@ -15,7 +15,7 @@ from .element_state import OwnState
 from .friction import slips
 from .friction_cables import FrictionCables
 from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
-from .hanging_friction import HangingSegments, hanging_tensions, tension_slopes
+from .hanging_friction import HangingSegments, hanging_tensions, shallow_elongations
 from .sliding import moved_segments_with_lengths
 
 END_TENSIONS = Result("end_tensions", "N", ("first", "last"))
@@ -184,10 +184,10 @@ class SlidingCatenaries(FrictionCables):
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
-        segments, _, shape = self._solve_shape(state, ends, motion)
-        slope = jnp.abs(tension_slopes(segments, shape.unstressed)[1])
+        segments, found = self._segments_with_tensions(state, ends, motion)
         real = segments.length > 0
-        moved = 8 * jnp.finfo(slope.dtype).eps * jnp.max(jnp.abs(motion))
-        unit = jnp.abs(segments.chord) / jnp.where(real, segments.length, 1.0)[:, None]
-        force = jnp.where(real, moved * slope, 0.0)[:, None] * unit
+        rate = shallow_elongations(segments, found.tension)[1]
+        moved = 8 * jnp.finfo(rate.dtype).eps * jnp.max(jnp.abs(motion))
+        force = jnp.where(real, moved / jnp.where(real, rate * segments.length, 1.0), 0.0)
+        force = force[:, None] * jnp.abs(segments.chord)
         return jnp.pad(force, ((1, 0), (0, 0))) + jnp.pad(force, ((0, 1), (0, 0)))
