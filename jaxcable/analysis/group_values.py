@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -63,16 +64,18 @@ def value_per_group(value: PyTree[Any], structure: Structure, name: str) -> list
     label, numbers, value = _first_mismatch(name, numbers, value)
     statement = name.rpartition(".")[2].removeprefix("own['").removesuffix("']")
     known = [components_of(group, statement) for group in structure.groups]
-    columns = [
-        f"; components are the columns of [n_elem, {len(names)}]: {', '.join(names)}"
-        for names in known
-        if names
-    ]
+    columns = [f"; {describe_columns(names)}" for names in known if names]
     expected = "one number, or numbers [n_elem] of the group"
     if not isinstance(numbers, int):
         expected = f"one number, or numbers by group: the structure has {_describe_tree(numbers)}"
     hint = "".join(dict.fromkeys(columns))
     raise ValueError(f"{label}: expected {expected}, got {_describe_tree(value)}{hint}")
+
+
+def describe_columns(components: Sequence[str]) -> str:
+    """Return in words what the columns of values [n_elem, n_component] are, for messages."""
+    some = components if len(components) <= 4 else (components[0], "...", components[-1])
+    return f"a row for each element and the columns {', '.join(some)}"
 
 
 def _first_mismatch(label, numbers, value):
@@ -111,6 +114,9 @@ def _fill_missing_groups(value, numbers, name):
         return type(value)(
             _fill_missing_groups(*pair, name) for pair in zip(value, numbers, strict=True)
         )
+    rows = value if isinstance(numbers, int) and isinstance(value, list | tuple) else ()
+    if rows and all(isinstance(row, list | tuple) for row in rows):
+        return checks.as_floats(value, name)  # [n_elem, n_component]: no branch of the elements
     return value
 
 

@@ -20,8 +20,8 @@ from ..loads.load import Load
 from ..model.structure import Structure
 from ..model.supports import Supports
 from .statements import ABSOLUTE_STATEMENTS as ABSOLUTE_STATEMENTS
+from .statements import CLASS_STATEMENTS, check_statements
 from .statements import INCREMENTAL_STATEMENTS as INCREMENTAL_STATEMENTS
-from .statements import check_statements
 
 PLACEMENTS = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
@@ -82,8 +82,8 @@ class Phase:
     the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
     Classes of elements that you write may know further statements (`elements.statement.Statement`),
-    such as the friction of a saddle, or a clamp: ``own={"clamped": {"saddles": 1}}``. They are
-    numbers, given in the same ways; the class says whether they are ramped, and how long they last.
+    such as the friction of a saddle: ``own={"friction": {"saddles": 0.1}}``. They are numbers,
+    given in the same ways; the class says whether they are ramped, and how long they last.
 
     A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
     element that is not there, or a statement for a group without any that is, raises ValueError,
@@ -113,11 +113,15 @@ class Phase:
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
             that their first element joins them to, as if rigidly, with its rotation.
-        own: statements of your own classes of elements, by name: ``{"clamped": {"saddles": 1}}``;
-            each in the unit of what is stated, that of its `Statement`.
+        own: statements of your own classes of elements: ``{"friction": {"saddles": 0.1}}``; each
+            in the unit of what is stated, that of its `Statement`.
         tension_at: where `end_tension` and the `jacking` of catenaries are: at the "lower" or the
             "upper" end of each element in the geometry as drawn (of ends at one level the first is
             the lower one), or at its "first" or "second" end, in the order of its nodes.
+        clamped: where cables with friction are clamped to their deviators, without unit: 1 closes
+            a clamp at the beginning of the phase, 0 opens it; what is not stated stays as it is.
+            One number for all deviators, or [n_elem, n_deviator] by group (for one cable also
+            [n_deviator]); the first deviator is the second node of the cable.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
@@ -173,6 +177,9 @@ class Phase:
     )
     built_sag: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
     tension_at: Literal["lower", "upper", "first", "second"] = "lower"
+    clamped: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, "n_elem n_deviator"] | Only] | None = (
+        None
+    )
 
     def __post_init__(self):
         for name in ("adds", "removes"):
@@ -201,7 +208,7 @@ class Phase:
     def _check_own_statements(self):
         """Raise ValueError unless `own` is a dict whose names are no other arguments of `Phase`."""
         if self.own is not None and not isinstance(self.own, Mapping):
-            kind = checks.describe_type(self.own, '{"clamped": values}')
+            kind = checks.describe_type(self.own, '{"friction": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
         fields = {field.name for field in dataclasses.fields(self)}
         for name in self.own or ():
@@ -221,15 +228,14 @@ class Phase:
 
 def all_statements(phase: Phase) -> dict[str, Any]:
     """Return what a phase states of elements, as given: a dict by name (pretension, ..., `own`)."""
-    fields = {
-        name: getattr(phase, name) for name in (*ABSOLUTE_STATEMENTS, *INCREMENTAL_STATEMENTS)
-    }
+    names = (*ABSOLUTE_STATEMENTS, *INCREMENTAL_STATEMENTS, *CLASS_STATEMENTS)
+    fields = {name: getattr(phase, name) for name in names}
     return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
 
 
 def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
     """Return a copy of a phase with another value of pretension or another statement `name`."""
-    if name in STATEMENTS:
+    if name in (*STATEMENTS, *CLASS_STATEMENTS):
         return replace(phase, **{name: given})
     return replace(phase, own={**(phase.own or {}), name: given})
 

@@ -1,7 +1,7 @@
 """What a phase states of elements (statements): checked, and expanded to all of every group.
 
 Statements are a pretension, a temperature and others that `Phase` lists, and what only a class of
-elements knows, such as the clamp of a saddle.
+elements knows, such as the friction of a saddle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ..elements.statement import StatedValues
 from ..model import phase_plausibility
 from ..model.structure import Structure
 from ..programs.joining import broadcast
-from .group_values import is_single_number, value_per_group
+from .group_values import describe_columns, is_single_number, value_per_group
 from .prestress_rules import statement_rules
 
 AS_BUILT_STATEMENTS = ("end_tension", "horizontal_tension", "built_sag")
@@ -42,6 +42,8 @@ ABSOLUTE_STATEMENTS = (
 """Statements that replace the prestress of an element."""
 INCREMENTAL_STATEMENTS = ("shortening", "temperature")
 """Statements that change the prestress of an element."""
+CLASS_STATEMENTS = ("clamped",)
+"""Arguments of `Phase` that only classes take which declare a `Statement` of that name."""
 
 
 def check_statements(
@@ -98,7 +100,7 @@ def values_of_elements(
 
 def statement_path(name: str) -> str:
     """Return a statement as a user writes it in a phase: ``pretension``, ``own['clamped']``."""
-    return name if name in STATEMENTS else f"own[{name!r}]"
+    return name if name in (*STATEMENTS, *CLASS_STATEMENTS) else f"own[{name!r}]"
 
 
 def may_state_as_built(phase: Any, hangs: bool = True) -> bool:
@@ -259,7 +261,7 @@ def _expand_to_elements(value, group, name, path):
     if isinstance(value, Only):
         chosen = value.element_mask(count, path)
         given = _values_per_element(value.values, len(value.elements), path, components)
-        value = value.merged_with(np.zeros((count, *given.shape[1:])))
+        value = Only(value.elements, given).merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
     return StatedValues(value, chosen)
@@ -300,17 +302,20 @@ def _values_per_element(
 ) -> Float[ArrayLike, "n_elem ..."]:
     """Return values as floats [count], or [count, n_component] if there are components.
 
-    One number is for all of them; `path` begins the messages.
+    One number is for all of them. If there is one element or one component, its numbers may be a
+    flat list. `path` begins the messages.
     """
     array, shape = checks.as_floats(value, path), (count, len(components))
     if not components:
         if isinstance(array, jax.core.Tracer) and array.ndim == 0:
             return broadcast(array, shape=(count,))
         return checks.floats_per_element(array, count, path)
+    pack = jnp if isinstance(array, jax.Array) else np
+    if 1 in shape and array.shape == (max(shape),):
+        array = array.reshape(shape)
     if array.shape not in ((), shape):
         raise ValueError(
-            f"{path}: expected a scalar or shape {shape}, for every element "
-            f"{', '.join(components)}, got shape {array.shape}"
+            f"{path}: expected one number, or shape {shape} with {describe_columns(components)}, "
+            f"got shape {array.shape}"
         )
-    pack = jnp if isinstance(array, jax.Array) else np
     return pack.broadcast_to(array, shape)

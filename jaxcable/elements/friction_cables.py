@@ -51,11 +51,11 @@ class FrictionCables(SlidingCables):
     for all deviators together (`elements.friction`), and remembered at the end of every increment:
     loads can be reversed, and results depend on the path, so that more increments are more exact.
 
-    A phase clamps a cable to deviators by ``Phase(own={"clamped": {"rope": values}})`` with 1
-    (clamped) or 0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack
-    pulls at the first end, and a shortening is taken out there, so that losses build up along the
-    cable; a negative shortening after lock-off is the draw-in of an anchor. Other changes of length
-    are those of all segments alike: without slip the cable has one tension.
+    A phase clamps a cable to deviators by ``Phase(clamped={"rope": values})`` with 1 (clamped) or
+    0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack pulls at the
+    first end, and a shortening is taken out there, so that losses build up along the cable; a
+    negative shortening after lock-off is the draw-in of an anchor. Other changes of length are
+    those of all segments alike: without slip the cable has one tension.
 
     `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
     has passed each deviator, `friction_used` how far the friction there is used, `clamp_force` what
@@ -146,7 +146,7 @@ class FrictionCables(SlidingCables):
     def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
         """Numbers of the deviators, each of which can be clamped."""
         count = index_array(self.links).shape[1] - 2
-        return {"clamped": tuple(map(str, range(1, count + 1)))}
+        return {"clamped": tuple(f"deviator {k}" for k in range(count))}
 
     def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension can be an unknown of the equations: there are several."""

@@ -57,9 +57,9 @@ def loaded(seed, friction, clamped=None, stiffness=EA):
     rope = jc.SlidingCables([range(6)], axial_stiffness=stiffness, friction=friction)
     springs = jc.Springs([2, 4], [2e5, 3e5, 1e5])
     structure = jc.Structure(nodes, {"rope": rope, "springs": springs}, jc.pinned([0, 1, 3, 5]))
-    own = None if clamped is None else {"clamped": {"rope": clamped}}
+    clamped = None if clamped is None else {"rope": clamped}
     first = jc.NodalLoads([2, 4], [[0, 0, -900.0], [0, 100.0, -600.0]])
-    phases = [jc.Phase(pretension={"rope": 3e3}, loads=first, own=own, increments=2)]
+    phases = [jc.Phase(pretension={"rope": 3e3}, loads=first, clamped=clamped, increments=2)]
     for _ in range(2):
         load = jc.NodalLoads([2, 4], rng.normal(size=(2, 3)) * 300.0)
         phases.append(jc.Phase(loads=load, increments=2))
@@ -103,8 +103,10 @@ def test_without_friction_and_clamped():
     for one, other in zip(*(solution.phases for solution in plain), strict=True):
         assert_allclose(one.displacement, other.displacement, atol=1e-11)
         assert_allclose(one.tension["rope"], other.tension["rope"], rtol=1e-9)
-    held = [converged(jc.solve(*loaded(0, *given))) for given in ((1e3, None), (0.1, 1.0))]
-    assert_allclose(held[0].displacement, held[1].displacement, atol=1e-13)
+    given = ((1e3, None), (0.1, 1.0), ([[0.1, 0.1, 1e3, 1e3]], [1, 1, 0, 0]))
+    held = [converged(jc.solve(*loaded(0, *each))) for each in given]
+    for other in held[1:]:
+        assert_allclose(held[0].displacement, other.displacement, atol=1e-13)
     assert np.abs(of_segments(held[1], "slip")).max() < 1e-15
     used = [of_segments(phase, "friction_used") for phase in held[1].phases]
     assert np.abs(used).max() > 1  # what the clamps have to hold
@@ -242,7 +244,7 @@ def test_added_where_the_nodes_are_then():
     groups = {"rope": rope, "springs": jc.Springs([2], (1e8, 1e8, 1e5))}
     structure = jc.Structure(nodes, groups, jc.pinned([0, 1]))
     sinks = jc.Phase(loads=jc.NodalLoads([2], (0, 0, -60e3)), removes="rope")  # by 0.6 m
-    added = jc.Phase(adds="rope", own={"clamped": {"rope": 1.0}})
+    added = jc.Phase(adds="rope", clamped={"rope": 1.0})
     more = jc.Phase(loads=jc.NodalLoads([2], (0, 0, -9e3)))
     solution = converged(jc.solve(structure, [sinks, added, more]))
     assert np.abs(of_segments(solution.phases[1])).max() < 1e-3

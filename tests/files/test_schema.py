@@ -125,6 +125,8 @@ def fits(example, kind, field=None):
     if field in ("sag", "built_sag", "horizontal_tension"):
         guys |= {"type": "Catenaries"}
         mast |= {"hinges": [[False, True]]}
+    if field == "clamped":
+        guys |= {"type": "FrictionCables", "links": [[1, 2, 3, 4]]}
     if kind == "Action":
         own = {"name": "cold", "kind": "wind", "temperature": {"guys": -1.0}, field: example}
         data = {**data, "actions": [own if field else example]}

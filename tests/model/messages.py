@@ -28,6 +28,10 @@ SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 HALF = [0.0, 0.5, 1.0]
 HANGING = jc.Catenaries(LINKS, axial_stiffness=1e4, weight=1.0)
+ROPES = {
+    "rope": jc.FrictionCables([[0, 1, 3, 2]], axial_stiffness=1e4, friction=0.2),
+    "net": jc.Cables(LINKS, axial_stiffness=1e4),
+}
 SNOW = design.Action("snow", "snow", jc.NodalLoads([1], UP))
 DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True)
 WARM = design.Action("warm", "temperature", temperature=20.0)
@@ -536,6 +540,13 @@ jc.solve(net(elements={"net": HANGING}), Phase(built_sag={"net": 0.1}, loads=pus
     # phases[0].built_sag['net']: no load acts along the cables in this phase, and without
 jc.solve(net(elements=HANGING), Phase(horizontal_tension=1e-30, loads=jc.SelfWeight()))
     # phases[0].horizontal_tension[0] = 1e-30: the cable would be 2.9e+29 times as long as its
+stated(ROPES, clamped={"rope": [1, 0, 0]})
+    # phases[0].clamped['rope']: expected one number, or shape (1, 2) with ... got shape (3,)
+stated(ROPES, clamped={"rope": [[1], [0]]})  # phases[0].clamped['rope']: ... got shape (2, 1)
+stated(ROPES, clamped={"rope": [1, 0.5]})  # phases[0].clamped['rope'][0, 1] = 0.5: a clamp is open
+stated(ROPES, clamped={"net": 1})
+    # phases[0].clamped['net']: a statement of FrictionCables; this group is made of Cables
+stated(clamped=1)  # phases[0].clamped: no group of the structure has a statement 'clamped'
 Phase(end_tension=1.0, tension_at="top")
     # tension_at = 'top': expected one of lower, upper, first, second
 stated(pretension=[10.0, -10.0, 10.0])
