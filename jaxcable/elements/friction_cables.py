@@ -172,11 +172,10 @@ class FrictionCables(SlidingCables):
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
         state = super().state_at_activation(state, ends, motion)
-        change, before, length = segment_length_changes(ends, motion)
-        share, now = before / jnp.sum(before), length / jnp.sum(length)
-        # by how much the excess of length of a segment would differ from its share of the whole
-        excess = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
-        return copy_with(state, laid=jnp.cumsum(excess)[:-1], fed=jnp.zeros_like(state.fed))
+        _, before, length = segment_length_changes(ends, motion)
+        # of a cable as long as its initial chain: statements of the phase may change its length
+        laid = jnp.cumsum(before - jnp.sum(before) * (length / jnp.sum(length)))[:-1]
+        return copy_with(state, laid=laid, fed=jnp.zeros_like(state.fed))
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
@@ -275,9 +274,10 @@ class FrictionCables(SlidingCables):
     def excess_lengths(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
         change, before, _ = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _stretch(state) + state.laid, 1)
-        excess = before / jnp.sum(before) * (state.elongation + state.fed)
-        excess = excess + change + slip[1:] - slip[:-1]
+        slip = jnp.pad(state.memory * _stretch(state), 1)
+        laid = jnp.diff(jnp.pad(state.laid, 1))
+        excess = (before - laid) / jnp.sum(before) * (state.elongation + state.fed)
+        excess = excess + change + laid + slip[1:] - slip[:-1]
         return excess.at[0].add(-state.fed)
 
     def closed_clamps(

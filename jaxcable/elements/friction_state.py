@@ -26,8 +26,9 @@ class FrictionState(AxialState):
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
         fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
             it is in the first segment, and not in all segments alike, [n_elem], m.
-        laid: unstressed length beyond each deviator that a cable has there more than in the initial
-            position, because it was added where the nodes were then, [n_elem, n_deviator], m.
+        laid: initial length before each deviator less what a cable of the whole initial length has
+            there, divided among its segments as their lengths were when a phase added it,
+            [n_elem, n_deviator], m; 0 if it was there from the beginning.
     """
 
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given

@@ -256,6 +256,35 @@ def test_added_where_the_nodes_are_then():
     assert int(jc.solve(other, [sinks, added, more]).status) != jc.status.OK
 
 
+@pytest.mark.parametrize("friction", [0.2, 2.0])
+def test_stressed_where_the_nodes_are_then(friction):
+    """A pretension in the phase that adds a rope is that of one drawn where the nodes have moved.
+
+    With the larger friction the rope sticks.
+    """
+    nodes, rope = np.array([[-12.0, 0, 0], [0.0, 0, 9.0], [12.0, 0, 0]]), [[0, 1, 2]]
+    groups = {
+        "rope": jc.FrictionCables(rope, axial_stiffness=2e7, friction=friction),
+        "springs": jc.Springs([2], (1e8, 1e8, 1e5)),
+    }
+    load, held = jc.NodalLoads([2], (0, 0, -9e3)), jc.pinned([0, 1])
+    sinks = jc.Phase(loads=jc.NodalLoads([2], (0, 0, -60e3)), removes="rope")  # by 0.6 m
+    added = jc.Phase(adds="rope", pretension={"rope": 1e5}, loads=load)
+    later = jc.Phase(shortening={"rope": -2e-3}, loads=load)
+    moved = converged(jc.solve(jc.Structure(nodes, groups, held), [sinks, added, later]))
+    # springs have the force that holds the first load, and are linear
+    drawn = jc.Structure(nodes - [[0, 0, 0], [0, 0, 0], [0, 0, 0.6]], groups, held)
+    rest = np.linalg.norm(np.diff(nodes, axis=0), axis=1).sum() / (1 + 1e5 / 2e7)
+    stressed = jc.Phase(rest_length={"rope": rest}, loads=load)
+    as_drawn = converged(jc.solve(drawn, [stressed, later]))
+    for one, other in zip(moved.phases[1:], as_drawn.phases, strict=True):
+        # tol 1e-10 of the residual
+        assert_allclose(of_segments(one), of_segments(other), rtol=1e-8)
+        assert_allclose(of_segments(one, "slip"), of_segments(other, "slip"), atol=1e-10)
+    assert np.ptp(of_segments(moved.phases[1])) > 1e3  # it is no rope of one tension
+    assert (np.abs(of_segments(moved, "slip")) > 1e-6) == (friction < 1)
+
+
 @pytest.mark.parametrize(
     ("text", "changes"),
     [
