@@ -21,6 +21,7 @@ from .paths import path
 from .report_pictures import for_report
 from .sections import section
 from .sequences import sequence
+from .tensions_along import tension_along
 from .view import view
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "path",
     "section",
     "sequence",
+    "tension_along",
     "view",
     "work_precision",
 ]

@@ -3,18 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from .. import design
 from ..common.negligible import NEGLIGIBLE
-from ..common.types import Float
+from ..common.types import Float, Int
 from ..elements.element import PRESENT, Element
-from ..model.result_parts import ResultColumn, result_columns, slack_elements
+from ..elements.friction_state import SEGMENT_TENSION
+from ..model.result_parts import ResultColumn, result_columns, slack_elements, straight_pieces
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
+
+_PLACES = 12
+"""Places in an element up to which the page shows a result there."""
+
+
+class ColoredValues(NamedTuple):
+    """Values that color elements of an envelope, or pieces of elements.
+
+    Attributes:
+        value: values of all elements (or pieces), [n_elem], SI; NaN where they are not known.
+        color, unit: name and SI unit of these values.
+        group: index of the group of each element, [n_elem].
+        labels: names of the groups.
+    """
+
+    value: Float[np.ndarray, " n_elem"]
+    color: str
+    unit: str
+    group: Int[np.ndarray, " n_elem"]
+    labels: list[str]
 
 
 class ElementForces:
@@ -34,6 +55,9 @@ class ElementForces:
         value: values that color the elements, [n_elem]; NaN where they are not known.
         color, unit: name and unit of these values.
         group, labels: index of the group of each element, [n_elem], and what each group is called.
+        segment_tension: tensions of the segments of cables with friction, N, in an array of all
+            straight pieces, [n_piece], with NaN for other pieces; None without such cables.
+        segments: `ColoredValues` of these pieces, if tension is the color; else None.
 
     Raises:
         ValueError: the color is "utilization", and there is no structure, or no strength.
@@ -65,6 +89,18 @@ class ElementForces:
         self.color, self.unit = color, column.unit
         self.group = np.repeat(np.arange(len(parts)), [len(part.links.array) for part in parts])
         self.labels = [part.name.strip("[]'") for part in parts]
+        self.segment_tension = self.segments = None
+        tensions = values_by_group(element_results.get(SEGMENT_TENSION.name), len(parts))
+        if any(own is not None for own in tensions):
+            _, element, owner = straight_pieces(parts)
+            found = np.full(len(owner), np.nan)
+            for k, own in enumerate(tensions):
+                if own is not None:
+                    links = parts[k].links.array
+                    found[owner == k] = np.asarray(own)[links[:, 1:] != links[:, :-1]]
+            self.segment_tension = found = np.where(self.present[element], found, np.nan)
+            if color == "tension":
+                self.segments = ColoredValues(found, color, self.unit, owner, self.labels)
 
 
 def all_result_columns(
@@ -74,9 +110,16 @@ def all_result_columns(
 ) -> list[ResultColumn]:
     """Return the results of all elements as `ResultColumn`s, a list.
 
-    It has the utilization, if breaking forces are known, and the largest moments of beams.
+    It has the utilization, if breaking forces are known, and the largest moments of beams. Results
+    at very many places, such as the deviators of a tendon, are left out, and so are the tensions of
+    segments, which pieces have.
     """
-    shown = {name: tree for name, tree in element_results.items() if name != PRESENT.name}
+    few = {
+        name: max(np.shape(x)[1:2] or (1,) for x in jax.tree.leaves(tree)) <= (_PLACES,)
+        for name, tree in element_results.items()
+    }
+    left_out = PRESENT.name, SEGMENT_TENSION.name
+    shown = {n: tree for n, tree in element_results.items() if few[n] and n not in left_out}
     found = result_columns(parts, shown)
     if structure is not None:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.negligible import NEGLIGIBLE
-from ..common.types import Bool, Float, Int
+from ..common.types import Bool, Float
 from ..common.units import Units
 from .element_curves import Links, picture_lines, select_lines
-from .element_forces import ElementForces
+from .element_forces import ColoredValues, ElementForces
 from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SLACK, color_map, display_unit, format_value
 from .views import View
@@ -56,6 +56,8 @@ class ColorScale:
         one_scale: bool = False,
     ):
         color = forces[0].color
+        segments = [f.segments for f in forces if isinstance(f, ElementForces)]
+        forces = [*forces, *(own for own in segments if own is not None)]
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
@@ -89,7 +91,10 @@ class ColorScale:
         self.look = {"cmap": cmap, "norm": Normalize(low, high)}
 
     def numbers(self, forces: ElementForces | ColoredValues) -> Float[np.ndarray, " n_elem"]:
-        """Return the numbers on the color bar of all elements in one of the pictures, [n_elem]."""
+        """Return the numbers on the color bar of all elements in one of the pictures, [n_elem].
+
+        Of `ElementForces.segments` they are those of all pieces, [n_piece].
+        """
         if self._ranges is None:
             return self.factor * forces.value
         sizes = np.maximum(np.abs(self._ranges).max(axis=1), 1e-300)
@@ -111,37 +116,20 @@ class ColorScale:
         return [Line2D([], [], linestyle="", label=text) for text in texts]
 
 
-class ColoredValues(NamedTuple):
-    """Values that color elements of something that is no solution, such as an envelope.
-
-    Attributes:
-        value: values of all elements, [n_elem], SI; NaN where they are not known.
-        color, unit: name and SI unit of these values.
-        group: index of the group of each element, [n_elem].
-        labels: names of the groups.
-    """
-
-    value: Float[np.ndarray, " n_elem"]
-    color: str
-    unit: str
-    group: Int[np.ndarray, " n_elem"]
-    labels: list[str]
-
-
 def _force_ranges_by_group(forces):
     """Return the smallest and largest value of each group in all pictures, [n_group, 2], or None.
 
     None, for one common scale, unless more than a third of the elements are in groups whose forces
     are small beside those of another group. Groups without values have NaN.
     """
-    values, group = np.stack([f.value for f in forces], axis=1), forces[0].group
+    values, group = (np.concatenate([getattr(f, x) for f in forces]) for x in ("value", "group"))
     own = [values[group == k] for k in range(len(forces[0].labels))]
     known = [x[np.isfinite(x)] for x in own]
     ranges = np.array([[x.min(), x.max()] if len(x) else [np.nan, np.nan] for x in known])
     sizes = np.abs(ranges).max(axis=1)
     most = np.nanmax(sizes, initial=0.0)
     small = (sizes > _SWAMPED[0] * most) & (sizes < _SWAMPED[1] * most)
-    if small[group].mean() <= _MANY:
+    if small[forces[0].group].mean() <= _MANY:
         return None
     return np.where(np.abs(ranges) < _DIGITS * sizes[:, None], 0.0, ranges)
 
@@ -158,7 +146,8 @@ class ElementLines:
 
     def __init__(self, axes: Axes, view: View, snapshots: Snapshots, scale: ColorScale):
         self.view, self.faces, self.scale = view, snapshots.faces, scale
-        lines = ~np.isin(snapshots.links[1], self.faces[1])  # faces are drawn with their edges
+        # faces are drawn with their edges
+        self.lines = lines = ~np.isin(snapshots.links[1], self.faces[1])
         self.links = snapshots.links[0][lines], snapshots.links[1][lines]
         width = line_width(len(self.links[0]))
         add = functools.partial(view.add_lines, axes, np.zeros((0, 2, 2 if view.flat else 3)))
@@ -175,10 +164,17 @@ class ElementLines:
         forces, element = snapshot.forces, self.links[1]
         drawn = picture_lines(self.view, snapshot.positions, self.links, snapshot.curves)
         slack, compressed = forces.slack[element], forces.compressed[element]
+        numbers = self.scale.numbers(forces)[element]
+        if forces.segments is not None:
+            own, of_segments = (
+                values[self.lines]
+                for values in (forces.segments.value, self.scale.numbers(forces.segments))
+            )
+            slack, numbers = slack | (own <= 0), np.where(np.isnan(own), numbers, of_segments)
         taut = forces.present[element] & ~slack
         self.casing.set_segments(select_lines(drawn, compressed))
         self.taut.set_segments(select_lines(drawn, taut))
-        self.taut.set_array(self.scale.numbers(forces)[element][taut])
+        self.taut.set_array(numbers[taut])
         self.slack.set_segments(select_lines(drawn, slack))
         corners, element = self.faces
         if len(corners):

@@ -24,8 +24,8 @@ from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
 from .element_curves import SolutionCurves, points_on_chords
-from .element_forces import concatenate_values, values_by_group
-from .element_lines import ColoredValues, ColorScale, line_width
+from .element_forces import ColoredValues, concatenate_values, values_by_group
+from .element_lines import ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
 from .nets import round_magnification
 from .ordinates import (

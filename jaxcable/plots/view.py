@@ -190,7 +190,8 @@ def _add_curves(arrays, snapshots, shots):
 def _add_results(description, arrays, snapshots, shots):
     """Add to the page the results of elements in each `Snapshot` of `shots`, NaN where unknown.
 
-    The array "looks" is the sum of 1 for slack, 2 for compressed and 4 for inactive elements.
+    The array "looks" is the sum of 1 for slack, 2 for compressed and 4 for inactive elements;
+    "segment_tension" has the tensions of pieces of cables with friction, NaN of other pieces.
     """
     parts, columns = snapshots.parts, {}
     for at, shot in enumerate(shots):
@@ -213,6 +214,8 @@ def _add_results(description, arrays, snapshots, shots):
         arrays.add(f"column {k}", "f", values)
     looks = [1 * f.slack + 2 * f.compressed + 4 * ~f.present for f in (s.forces for s in shots)]
     arrays.add("looks", "b", looks)
+    if shots[0].forces.segment_tension is not None:
+        arrays.add("segment_tension", "f", [shot.forces.segment_tension for shot in shots])
     ends = [shot.end for shot in shots if shot.end is not None]
     arrays.add("rest_length", "f", [concatenate_values(end.rest_length, parts) for end in ends])
 

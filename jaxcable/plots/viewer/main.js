@@ -54,8 +54,12 @@ function lineWidth() { return Math.min(3, Math.max(1.1, 3 * Math.sqrt(120 / Math
 function currentRange() {
   const column = model.columns.find(c => c.label === shown.color);
   if (!column) return null;
-  if (byId("own-range").checked) return new Range(column, model.row(column.array, shown.shot), false);
-  if (!shown.ranges.has(column.label)) shown.ranges.set(column.label, new Range(column, model.get(column.array), true));
+  // tensions of segments of cables with friction count beside the means of the cables
+  const parts = column.label === "tension" && model.get("segment_tension");
+  const all = (values, more) => (more ? [values, more].flatMap(x => Array.from(x)) : values);
+  if (byId("own-range").checked)
+    return new Range(column, all(model.row(column.array, shown.shot), parts && model.row("segment_tension", shown.shot)), false);
+  if (!shown.ranges.has(column.label)) shown.ranges.set(column.label, new Range(column, all(model.get(column.array), parts), true));
   return shown.ranges.get(column.label);
 }
 
@@ -72,7 +76,7 @@ function rebuild() {
   markLayers(keys);
   pickedLayer(look);
   showKeys(keys);
-  showPicked(model, shown.picked, shown.shot);
+  showPicked(model, shown.picked, shown.shot, shape);
   showTime();
   request();
 }
@@ -90,7 +94,7 @@ function memberLayer(look, keys) {
   const looks = model.row("looks", shown.shot), owner = shape.owner, width = lineWidth();
   const range = currentRange(), column = model.columns.find(c => c.label === shown.color);
   const values = column && model.row(column.array, shown.shot), colors = table(look.scale), slack = rgb(look.slack);
-  // colors by element: pieces of one element look alike
+  // colors by element: pieces of one element look alike, but for segments with tensions of their own
   const tint = new Uint8Array(3 * model.nElem);
   let unknown = 0;
   for (let e = 0; e < model.nElem; e++) {
@@ -105,12 +109,19 @@ function memberLayer(look, keys) {
     }
   }
   const color = new Uint8Array(4 * shape.count), style = new Uint8Array(4 * shape.count);
+  const segments = shown.color === "tension" && model.get("segment_tension") ? model.row("segment_tension", shown.shot) : null;
   for (let s = 0; s < shape.count; s++) {
     const e = owner[s], kind = looks[e];
     for (let c = 0; c < 3; c++) color[4 * s + c] = tint[3 * e + c];
     color[4 * s + 3] = 255;
     style[4 * s] = kind & 4 || model.faceOf[e] >= 0 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
     style[4 * s + 1] = kind & 1 ? 255 : 0;
+    const own = segments ? segments[shape.pieceOf[s]] : NaN;
+    if (own !== own || kind & 5) continue;
+    // a segment of a cable with friction: it can be slack beside taut ones
+    const i = 3 * Math.round(255 * Math.min(1, Math.max(0, range.part(own)))), bare = own <= 0;
+    color.set(bare ? slack : colors.subarray(i, i + 3), 4 * s);
+    style.set([10 * (bare ? Math.max(0.75 * width, 1) : width), bare ? 255 : 0], 4 * s);
   }
   drawing.set("members", "lines", [drawable(shown.segments, looks), color, style]);
   faceLayers(look, looks, tint);

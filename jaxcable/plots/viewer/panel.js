@@ -109,8 +109,8 @@ function showTriad(directions) {
 
 const vector = (values, unit) => Array.from(values, v => withUnit(v, unit)).join("\n");
 
-// Rows [name, value] of an element at a shot.
-function elementRows(model, number, shot) {
+// Rows [name, value] of an element at a shot; of a segment of it, where that has a tension of its own.
+function elementRows(model, number, shot, piece) {
   const group = model.groups.findLast(g => g.first <= number);
   const looks = model.row("looks", shot)[number], end = model.shots[shot].endNumber;
   const rows = [["group", group.name || "(only group)"], ["number in its group", String(number - group.first)], ["kind", group.kind],
@@ -123,6 +123,8 @@ function elementRows(model, number, shot) {
     if (column.label === "tension") tension = value;
     if (Number.isFinite(value)) rows.push([column.label.replace(/_/g, " "), withUnit(value, column.unit)]);
   }
+  const own = model.get("segment_tension") && piece >= 0 ? model.row("segment_tension", shot)[piece] : NaN;
+  if (Number.isFinite(own)) rows.push(["tension of this segment", withUnit(own, "N")]);
   if (end >= 0) {
     const length = model.row("rest_length", end)[number];
     if (Number.isFinite(length)) rows.push(["unstressed length", withUnit(length, "m", 7)]);
@@ -162,10 +164,11 @@ function nodeRows(model, number, shot) {
   return { name: `Node ${number}`, rows };
 }
 
-function showPicked(model, picked, shot) {
+function showPicked(model, picked, shot, shape) {
   byId("picked").hidden = !picked;
   if (!picked) return;
-  const { name, rows } = (picked.kind === "node" ? nodeRows : elementRows)(model, picked.number, shot);
+  const piece = picked.segment >= 0 ? shape.pieceOf[picked.segment] : -1;
+  const { name, rows } = (picked.kind === "node" ? nodeRows : elementRows)(model, picked.number, shot, piece);
   byId("picked-name").textContent = name;
   byId("picked-values").replaceChildren(...rows.map(([key, value]) => {
     const row = made("tr");

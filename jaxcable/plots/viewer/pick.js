@@ -13,9 +13,9 @@ function onScreen(m, x, y, z, width, height) {
 // or null. Of those that are about as near to the pointer, the one in front.
 function pickAt(x, y, reach, matrix, width, height, places, segments, owner, seen, corners, face) {
   let best = null;
-  const offer = (kind, number, apart, depth) => {
+  const offer = (kind, number, apart, depth, segment = -1) => {
     const score = apart + 2 * reach * depth;  // depths differ by little within a structure
-    if (!best || score < best.score) best = { kind, number, score };
+    if (!best || score < best.score) best = { kind, number, segment, score };
   };
   for (let i = 0; i < places.length; i += 3) {
     if (!seen.node(i / 3)) continue;
@@ -34,7 +34,7 @@ function pickAt(x, y, reach, matrix, width, height, places, segments, owner, see
     const dx = q[0] - p[0], dy = q[1] - p[1], square = dx * dx + dy * dy;
     const t = square > 0 ? Math.min(1, Math.max(0, ((x - p[0]) * dx + (y - p[1]) * dy) / square)) : 0;
     const apart = Math.hypot(p[0] + t * dx - x, p[1] + t * dy - y);
-    if (apart <= reach) offer("element", owner[s], apart, p[2] + t * (q[2] - p[2]));
+    if (apart <= reach) offer("element", owner[s], apart, p[2] + t * (q[2] - p[2]), s);
   }
   if (best) return best;
   for (let t = 0; t < corners.length / 3; t++) {

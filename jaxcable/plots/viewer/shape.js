@@ -16,8 +16,12 @@ class Shape {
     });
     this.count = this.parts.reduce((a, b) => a + b, 0);
     this.owner = new Uint32Array(this.count);
+    this.pieceOf = new Uint32Array(this.count);
     let at = 0;
-    this.parts.forEach((n, k) => { this.owner.fill(element[k], at, at += n); });
+    this.parts.forEach((n, k) => {
+      this.pieceOf.fill(k, at, at + n);
+      this.owner.fill(element[k], at, at += n);
+    });
     this.pieces = pieces;
     this.element = element;
   }

@@ -1,0 +1,140 @@
+"""Diagrams of the tension along a cable with friction: `tension_along`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Solution
+from ..common import checks
+from ..common.units import UnitsLike, as_units
+from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION
+from .element_forces import values_by_group
+from .snapshots import Snapshots
+from .style import GRID, INK, display_unit, finish_figure, legend_below, new_figure, series_style
+
+_USED = 1 - 1e-6
+"""Share of the largest ratio of tensions from which friction counts as fully used."""
+_SEEN = 1e-4
+"""Least difference of tensions with a mark, over the largest tension."""
+
+
+def tension_along(
+    solution: Solution,
+    group: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    element: int = 0,
+    phases: Sequence[int] | None = None,
+    names: Sequence[str] | None = None,
+    units: UnitsLike | None = None,
+) -> Figure:
+    """Draw the tension along a cable with friction at the ends of phases, over its present length.
+
+    Every segment has one tension; it jumps at deviators. Dots mark those where friction is fully
+    used, and squares those where a clamp holds a difference of tensions.
+
+    Args:
+        solution: `Solution` of a structure with `FrictionCables`.
+        group: key of their group in the elements; None for the only one.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        element: index of the cable in its group.
+        phases: indices of the phases to draw, from 0; default all that have converged.
+        names: names of all phases of the solution, for the legend; default "phase 1" and so on.
+        units: units of lengths and tensions, as of `net`.
+
+    Returns:
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
+
+    Raises:
+        ValueError: no such group, or one without friction; an unknown cable or phase; a phase that
+            has not converged; a batch; another number of names than of phases; unknown units.
+
+    A rope that turns by 90 degrees over a bar, and carries 1 kN:
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> nodes = [[-3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
+    >>> rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=1e6, friction=0.2)
+    >>> held = jc.pinned([0, 1]) + jc.restrained([2], "xy")
+    >>> weight = jc.NodalLoads([2], (0.0, 0.0, -1000.0))
+    >>> solution = jc.solve(jc.Structure(nodes, rope, held), jc.Phase(loads=weight))
+    >>> figure = jc.plots.tension_along(solution)
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['tension (N)']
+    """
+    stated = None if units is None else as_units(units)
+    snapshots = Snapshots(solution, names=names)
+    number = _group_index(snapshots.parts, group)
+    chains = snapshots.parts[number].links.array
+    if not 0 <= element < len(chains):
+        raise ValueError(f"element = {element!r}: there are elements 0 to {len(chains) - 1}")
+    if phases is None:
+        phases = [k for k, end in enumerate(solution.phases) if int(end.status) == 0]
+    shots = [snapshots.of_state(snapshots.state_to_draw(None, k)) for k in phases]
+    shots = [shot for shot in shots if shot.forces.present[shot.forces.group == number][element]]
+    if not shots:
+        raise ValueError("phases: the cable is in none of them, or none has converged")
+    curves = [_along_cable(shot, chains[element], number, element) for shot in shots]
+    factor, unit = display_unit(max(curve[1].max() for curve in curves), "N", stated)
+    to_length, length = display_unit(0.0, "m", stated)
+    figure = new_figure(4.8, 3.6)
+    axes, seen = figure.add_subplot(), {}
+    for row, (shot, (place, tension, marks)) in enumerate(zip(shots, curves, strict=True)):
+        label = f"phase {shot.phase + 1}" if names is None else str(names[shot.phase])
+        line = {key: series_style(row)[key] for key in ("color", "linestyle", "linewidth")}
+        tension, place = factor * tension, to_length * place
+        axes.stairs(tension, place, baseline=None, label=label, zorder=2, **line)
+        middle = 0.5 * (tension[1:] + tension[:-1])
+        for (what, which), mark in zip(marks.items(), "os", strict=True):
+            axes.plot(place[1:-1][which], middle[which], mark, color=line["color"], markersize=4)
+            seen |= {what: mark} if which.any() else {}
+    for what, mark in seen.items():
+        axes.plot([], [], mark, color=INK, markersize=4, label=what)
+    axes.set(xlabel=f"length from the first end ({length})", ylabel=f"tension ({unit})")
+    axes.grid(color=GRID)
+    legend_below(axes, columns=3)
+    return finish_figure(figure, path)
+
+
+def _group_index(parts, group):
+    """Return the index of the group of cables with friction with a key, or of the only one.
+
+    `parts` are `GroupTopology` of all groups. ValueError without one, or if None means several.
+    """
+    pairs = ((part.name.strip("[]'"), k) for k, part in enumerate(parts))
+    known = {name: k for name, k in pairs if SEGMENT_TENSION in parts[k].results}
+    if group is None and len(known) == 1:
+        (group,) = known
+    if group not in known:
+        there = checks.suggest_names(group, known)
+        raise ValueError(f"group = {group!r}: is no group of cables with friction{there}")
+    return known[group]
+
+
+def _along_cable(shot, chain, number, element):
+    """Return places, tensions and marks along one cable in a `Snapshot`.
+
+    `chain` are its nodes, [n_end], `number` is the index of its group, `element` its index there.
+
+    Returns:
+        place: distances of its nodes from the first one along the cable, [n + 1], m.
+        tension: of its segments, [n], N.
+        marks: by what they mean, at which deviators they are, [n - 1] bool.
+    """
+    count = int((chain[1:] != chain[:-1]).sum())  # shorter chains repeat their last node
+    tension, used, clamp = (
+        np.asarray(values_by_group(shot.element_results[result.name], 0)[number][element])
+        for result in (SEGMENT_TENSION, FRICTION_USED, CLAMP_FORCE)
+    )
+    tension, used, clamp = tension[:count], used[: count - 1], clamp[: count - 1]
+    way = np.diff(shot.positions[chain[: count + 1]], axis=0)
+    place = np.append(0.0, np.cumsum(np.linalg.norm(way, axis=1)))
+    seen = np.abs(np.diff(tension)) > _SEEN * tension.max()  # not where the cable is straight
+    full = seen & (np.abs(used) > _USED) & (clamp == 0)
+    return place, tension, {"friction fully used": full, "clamp": clamp != 0}
