@@ -11,16 +11,21 @@ from .bridges import cable_stayed_bridge
 from .cables import isolated_cable, suspended_cable
 from .domes import geiger_dome, levy_dome
 from .frames import lee_frame, toggle_frame
+from .friction import block_and_tackle, dome_hoop, post_tensioned_beam, saddle_stay
 from .tents import tent_edge
 from .trusses import cable_truss
 
 __all__ = [
+    "block_and_tackle",
     "cable_stayed_bridge",
     "cable_truss",
+    "dome_hoop",
     "geiger_dome",
     "isolated_cable",
     "lee_frame",
     "levy_dome",
+    "post_tensioned_beam",
+    "saddle_stay",
     "strung_arch",
     "suspended_cable",
     "tent_edge",

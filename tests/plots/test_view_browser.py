@@ -9,6 +9,7 @@ import os
 import browser
 import numpy as np
 import pytest
+import scenes
 from extensions.own_membrane import Membranes, sheet
 
 import jaxcable as jc
@@ -306,3 +307,19 @@ def test_two_fingers_enlarge_and_move(chromium, net):
         touch("touchEnd")
         page.wait_for_timeout(100)
         assert page.evaluate(CAMERA)[0] == pytest.approx(azimuth - 0.0065 * 30, abs=1e-6)
+
+
+def test_a_segment_of_a_cable_with_friction_tells_its_tension(chromium, tmp_path):
+    structure, phases = scenes.saddle_stay(increments=2)
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    path = jc.plots.view(solution, tmp_path / "stay.html", structure=structure).path
+    with browser.opened(chromium, path) as page:
+        choose(page, "phase", 2)
+        click(page, "element", 1)  # the middle of the stay is in its second segment
+        found = values(page)[1]
+        expected = solution.phases[1].element_results["segment_tension"]["stay"][0, 1]
+        assert found["tension of this segment"] == pytest.approx(float(expected), rel=1e-4)
+        mean = float(solution.phases[1].tension["stay"][0])
+        assert found["tension"] == pytest.approx(mean, rel=1e-4)
+        assert page.faults == []

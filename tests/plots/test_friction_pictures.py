@@ -1,0 +1,106 @@
+"""Pictures of cables with friction: every segment has its own tension, in colors and diagrams."""
+
+import numpy as np
+import pytest
+import scenes
+from matplotlib.patches import StepPatch
+from oracles.convergence import converged
+from test_plots import legend_texts
+from test_view import decoded
+
+import jaxcable as jc
+
+
+@pytest.fixture(scope="module")
+def stay():
+    """A stay over a saddle, whose load slips it; and its segments' tensions in every phase."""
+    structure, phases = scenes.saddle_stay(increments=2)
+    solution = converged(jc.solve(structure, phases))
+    return structure, solution, [of_segments(phase) for phase in solution.phases]
+
+
+def of_segments(phase):
+    return np.asarray(phase.element_results["segment_tension"]["stay"][0])
+
+
+def test_segments_have_their_own_colors(stay):
+    structure, solution, tensions = stay
+    for made, own in ((structure, tensions[1]), (None, tensions[1])):
+        figure = jc.plots.net(solution, structure=made, phase=1)
+        casing, taut, slack = figure.axes[1].collections[1:4]
+        assert len(casing.get_segments()) == len(slack.get_segments()) == 0
+        np.testing.assert_allclose(taut.get_array(), own / 1e3, rtol=1e-12)
+        low, high = taut.get_clim()
+        both = np.concatenate(tensions[:2]) / 1e3  # both pictures have one scale
+        assert (low, high) == pytest.approx((both.min(), both.max()), rel=1e-12)
+    # other results have a number for the cable
+    figure = jc.plots.net(solution, structure=structure, phase=1, color="friction_used 0")
+    (value,) = set(figure.axes[1].collections[2].get_array())
+    assert value == pytest.approx(1.0)
+
+
+def test_a_slack_segment_is_dashed():
+    """A rope clamped to a bar, one end of which is let go."""
+    nodes = [[-3.0, 0, 0], [0.0, 0, 0], [3.0, 0, -1.0]]
+    rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=1e6, friction=0.1)
+    springs = jc.Springs([1], (1e6, 1e6, 1e6))
+    structure = jc.Structure(nodes, {"stay": rope, "bar": springs}, jc.pinned([0, 2]))
+    loose = jc.SupportMovement([2], (-0.1, 0.0, 0.0))
+    phases = [jc.Phase(pretension={"stay": 1e4}, clamped=1), jc.Phase(loads=loose)]
+    solution = converged(jc.solve(structure, phases))
+    left, right = of_segments(solution)
+    assert right == 0 < left
+    figure = jc.plots.net(solution, structure=structure)
+    _, taut, slack = figure.axes[1].collections[1:4]
+    np.testing.assert_allclose(taut.get_array(), [left], rtol=1e-12)
+    assert len(slack.get_segments()) == 1
+
+
+def test_the_page_has_the_tensions_of_segments(stay):
+    structure, solution, tensions = stay
+    told, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    ends = [k for k, shot in enumerate(told["shots"]) if shot["end"]]
+    np.testing.assert_allclose(arrays["segment_tension"][ends], tensions, rtol=2e-7)  # float32
+    labels = [column["label"] for column in told["columns"]]
+    assert {"tension", "slip 0", "friction_used 1"} <= set(labels)
+    assert not any(label.startswith("segment_tension") for label in labels)
+
+
+def test_tension_along_a_stay(stay):
+    _, solution, tensions = stay
+    figure = jc.plots.tension_along(solution, "stay", phases=[1, -1], names=["p", "on", "off"])
+    (axes,) = figure.axes
+    steps = [patch for patch in axes.patches if isinstance(patch, StepPatch)]
+    for patch, k in zip(steps, (1, 2), strict=True):
+        values, edges, _ = patch.get_data()
+        np.testing.assert_allclose(values, tensions[k] / 1e3, rtol=1e-12)
+        chain = np.asarray(solution.phases[k].positions)
+        lengths = np.linalg.norm(np.diff(chain, axis=0), axis=1)
+        np.testing.assert_allclose(np.diff(edges), lengths, rtol=1e-12)
+    # a dot at the saddle, and a square at the clip, which the load has pulled
+    assert legend_texts(figure) == ["on", "off", "friction fully used", "clamp"]
+    dots = {line.get_marker(): line for line in axes.lines if len(line.get_xdata())}
+    assert set(dots) == {"o", "s"}
+    assert axes.get_xlabel() == "length from the first end (m)"
+    assert axes.get_ylabel() == "tension (kN)"
+    imperial = jc.plots.tension_along(solution, units="kip, ft")
+    assert imperial.axes[0].get_ylabel() == "tension (kip)"
+    assert len(imperial.axes[0].patches) == 3
+
+
+@pytest.mark.parametrize(
+    ("message", "options"),
+    [
+        (
+            "group = 'saddle': is no group of cables with friction; there are 'stay'",
+            {"group": "saddle"},
+        ),
+        ("element = 1: there are elements 0 to 0", {"element": 1}),
+        ("phase = 3: there are phases 0 to 2", {"phases": [3]}),
+        ("names: 1 of them, but 3 phases", {"names": ["on"]}),
+        ("phases: the cable is in none of them", {"phases": []}),
+    ],
+)
+def test_tension_along_refuses(stay, message, options):
+    with pytest.raises(ValueError, match=message):
+        jc.plots.tension_along(stay[1], **options)
