@@ -93,14 +93,15 @@ class ElementForces:
         tensions = values_by_group(element_results.get(SEGMENT_TENSION.name), len(parts))
         if any(own is not None for own in tensions):
             _, element, owner = straight_pieces(parts)
-            found = np.full(len(owner), np.nan)
-            for k, own in enumerate(tensions):
-                if own is not None:
+            of_pieces = np.full(len(owner), np.nan)
+            for k, tension in enumerate(tensions):
+                if tension is not None:
                     links = parts[k].links.array
-                    found[owner == k] = np.asarray(own)[links[:, 1:] != links[:, :-1]]
-            self.segment_tension = found = np.where(self.present[element], found, np.nan)
+                    of_pieces[owner == k] = np.asarray(tension)[links[:, 1:] != links[:, :-1]]
+            of_pieces[~self.present[element]] = np.nan
+            self.segment_tension = of_pieces
             if color == "tension":
-                self.segments = ColoredValues(found, color, self.unit, owner, self.labels)
+                self.segments = ColoredValues(of_pieces, color, self.unit, owner, self.labels)
 
 
 def all_result_columns(
@@ -114,12 +115,11 @@ def all_result_columns(
     at very many places, such as the deviators of a tendon, are left out, and so are the tensions of
     segments, which pieces have.
     """
-    few = {
-        name: max(np.shape(x)[1:2] or (1,) for x in jax.tree.leaves(tree)) <= (_PLACES,)
-        for name, tree in element_results.items()
-    }
-    left_out = PRESENT.name, SEGMENT_TENSION.name
-    shown = {n: tree for n, tree in element_results.items() if few[n] and n not in left_out}
+    left_out = [PRESENT.name, SEGMENT_TENSION.name]
+    for name, tree in element_results.items():
+        if any(np.shape(x)[1:2] > (_PLACES,) for x in jax.tree.leaves(tree)):
+            left_out.append(name)
+    shown = {name: tree for name, tree in element_results.items() if name not in left_out}
     found = result_columns(parts, shown)
     if structure is not None:
         try:
