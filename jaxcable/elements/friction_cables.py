@@ -329,11 +329,12 @@ class FrictionCables(SlidingCables):
     ) -> Float[Array, " n_deviator"]:
         """Return the logarithm of the ratio of tensions at each deviator over the largest one.
 
-        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction.
+        1 or -1: the cable slips; beyond: at a clamp. Zero without tension, and without friction,
+        as where the cable is straight.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
         before, after = found.at_deviators()
-        counts = (before > 0) & (after > 0) & (found.bound > 0)
+        counts = (before > 0) & (after > 0) & (found.bound > 1e-6)  # less is straight
         ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
         return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import PRESENT
+from ..elements.friction_state import CLAMP_FORCE, SEGMENT_TENSION
 from ..model.result_parts import present_elements, result_columns
 from .columns import element_columns, envelope_columns, states_heading
 from .states import ReportedAnalysis
@@ -23,6 +24,8 @@ def element_result_tables(of: ReportedAnalysis) -> dict[str, Table]:
         if name in (PRESENT.name, POINT_LOADS.name):  # tables of forces leave out what is not there
             continue
         where, components = _rows_and_components(of, name)
+        if name == CLAMP_FORCE.name and not any(np.nan_to_num(own[-1]).any() for own in components):
+            continue  # no cable is clamped
         columns = [*where]
         for component, unit, now, over in components:
             columns.append(Column(component, unit, now, governs=True))
@@ -62,13 +65,14 @@ def _rows_and_components(of, name):
 
     now = parts(of.state)
     places = list(dict.fromkeys(place for _, place in now))
-    rows = [  # group, element and place
-        (k, i, place)
+    rows = {  # group, element and place, and how the place is called
+        (k, i, place): text
         for k, group in enumerate(groups)
         for i in range(len(group.links))
         for place in places
         if any(one.place == place and one.values[k] is not None for one in now.values())
-    ]
+        and (text := _place_text(group, i, name, place)) is not None
+    }
     first = np.cumsum([0, *(len(group.links) for group in groups)])
     at = np.array([first[k] + i for k, i, _ in rows], int)
     where = [
@@ -76,7 +80,7 @@ def _rows_and_components(of, name):
         for column in element_columns(of.structure, range(len(groups)))
     ]
     if len(places) > 1:
-        where.append(Column("place", "", [place for *_, place in rows]))
+        where.append(Column("place", "", list(rows.values())))
 
     def component_values(result, component):
         own, masks = parts(result), present_elements(of.structure, result.present)
@@ -95,6 +99,19 @@ def _rows_and_components(of, name):
         )
         for component, unit in components
     ]
+
+
+def _place_text(group, element, name, place):
+    """Return a place in an element as text; along cables with friction the nodes of it.
+
+    None for segments and deviators that only fill up a shorter chain. `name` is that of the result.
+    """
+    if not group.is_chain or not place.isdigit():
+        return place
+    of_segment = name == SEGMENT_TENSION.name  # else it is a deviator, the end of a segment
+    first, last = group.links.array[element, int(place) + (not of_segment) :][:2]
+    text = f"{first} to {last}" if of_segment else f"node {first}"
+    return text if first != last else None
 
 
 def _extremes_with_places(where, values, states):

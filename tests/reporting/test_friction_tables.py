@@ -1,0 +1,44 @@
+"""Tables of cables with friction: a row for each segment and each deviator, which names its nodes."""
+
+import numpy as np
+from oracles.convergence import converged
+
+import jaxcable as jc
+
+NODES = [[0, 0, 0], [2, 0, 1.0], [4, 0, 1.5], [6, 0, 0], [4, 0, -1.0]]
+
+
+def report(**changes):
+    """A report on two ropes over springs, one of them with a node less."""
+    ropes = jc.FrictionCables([[0, 1, 2, 3], [0, 4, 3]], axial_stiffness=1e6, friction=0.1)
+    springs = jc.Springs([1, 2, 4], (1e5, 1e5, 1e5))
+    structure = jc.Structure(NODES, {"ropes": ropes, "springs": springs}, jc.pinned([0, 3]))
+    solution = converged(jc.solve(structure, jc.Phase(pretension={"ropes": 1e3}, **changes)))
+    return jc.report(structure, solution), solution
+
+
+def columns(table, *names):
+    at = [table.columns.index(name) for name in names]
+    return [tuple(row[k] for k in at) for row in table.rows]
+
+
+def test_rows_are_segments_and_deviators():
+    made, solution = report()
+    rows = columns(made.tables["segment_tension"], "element", "place", "segment_tension")
+    assert [row[:2] for row in rows] == [
+        *((0, "0 to 1"), (0, "1 to 2"), (0, "2 to 3"), (1, "0 to 4"), (1, "4 to 3")),
+    ]
+    tensions = np.asarray(solution.element_results["segment_tension"]["ropes"])
+    np.testing.assert_allclose([row[2] for row in rows], tensions.ravel()[:5], rtol=1e-12)
+    at = [(0, "node 1"), (0, "node 2"), (1, "node 4")]
+    assert columns(made.tables["slip"], "element", "place") == at
+    assert columns(made.tables["friction_used"], "element", "place") == at
+    assert "clamp_force" not in made.tables
+
+
+def test_clamps_have_a_table():
+    made, solution = report(clamped={"ropes": [[1, 0], [1, 0]]})
+    forces = np.asarray(solution.element_results["clamp_force"]["ropes"])
+    assert forces[0, 0] != 0 == forces[0, 1]
+    rows = columns(made.tables["clamp_force"], "place", "clamp_force")
+    assert rows[:2] == [("node 1", float(forces[0, 0])), ("node 2", 0.0)]
