@@ -124,8 +124,8 @@ def saddle_stay(
 
     Example:
         >>> structure, phases = scenes.saddle_stay()
-        >>> phases[0].clamped
-        {'stay': [[0.0, 1.0]]}
+        >>> print(phases[0].clamped["stay"])  # at the saddle, and at the clip
+        [[0. 1.]]
     """
     require_positive(height=height, pretension=pretension, load=load)
     nodes = [[-8.0, 0.0, 0.0], [0.0, 0.0, height], [5.0, 0.0, 0.5 * height], [10.0, 0.0, 0.0]]
@@ -135,9 +135,10 @@ def saddle_stay(
     saddle = jc.Springs([1], (saddle_stiffness, saddle_stiffness, 1e8))
     supports = jc.pinned([0, 3]) + jc.restrained([2], "y")
     structure = jc.Structure(nodes, {"stay": stay, "saddle": saddle}, supports)
+    clamps = np.array([[float(clamped), 1.0]])
     on, off = (jc.NodalLoads([2], (0.0, 0.0, force)) for force in (-load, load))
     phases = [
-        jc.Phase(pretension={"stay": pretension}, clamped={"stay": [[float(clamped), 1.0]]}),
+        jc.Phase(pretension={"stay": pretension}, clamped={"stay": clamps}),
         jc.Phase(loads=on, increments=increments),
         jc.Phase(loads=off, increments=increments),
     ]

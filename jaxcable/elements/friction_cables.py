@@ -329,8 +329,8 @@ class FrictionCables(SlidingCables):
     ) -> Float[Array, " n_deviator"]:
         """Return the logarithm of the ratio of tensions at each deviator over the largest one.
 
-        1 or -1: the cable slips; beyond: at a clamp. Zero without tension, and without friction,
-        as where the cable is straight.
+        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction, and where
+        the cable is straight.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
         before, after = found.at_deviators()

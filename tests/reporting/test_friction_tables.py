@@ -1,4 +1,4 @@
-"""Tables of cables with friction: a row for each segment and each deviator, which names its nodes."""
+"""Tables of cables with friction: a row for each segment and each deviator names its nodes."""
 
 import numpy as np
 from oracles.convergence import converged
