@@ -12,6 +12,7 @@ from ..analysis.solution import Solution
 from ..common import checks
 from ..common.units import UnitsLike, as_units
 from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION
+from ..elements.sliding_catenaries import END_TENSIONS
 from .element_forces import values_by_group
 from .snapshots import Snapshots
 from .style import GRID, INK, display_unit, finish_figure, legend_below, new_figure, series_style
@@ -34,11 +35,12 @@ def tension_along(
 ) -> Figure:
     """Draw the tension along a cable with friction at the ends of phases, over its present length.
 
-    Every segment has one tension; it jumps at deviators. Dots mark those where friction is fully
-    used, and squares those where a clamp holds a difference of tensions.
+    Lengths are those between nodes. Every straight segment has one tension, and one that hangs has
+    two, at its ends; they jump at deviators. Dots mark those where friction is fully used, and
+    squares those where a clamp holds a difference of tensions.
 
     Args:
-        solution: `Solution` of a structure with `FrictionCables`.
+        solution: `Solution` of a structure with `FrictionCables` or `SlidingCatenaries`.
         group: key of their group in the elements; None for the only one.
         path: where to save the picture, in the format of the suffix, or None.
 
@@ -89,8 +91,8 @@ def tension_along(
         label = f"phase {shot.phase + 1}" if names is None else str(names[shot.phase])
         line = {key: series_style(row)[key] for key in ("color", "linestyle", "linewidth")}
         tension, place = factor * tension, to_length * place
-        axes.stairs(tension, place, baseline=None, label=label, zorder=2, **line)
-        middle = 0.5 * (tension[1:] + tension[:-1])
+        axes.plot(np.repeat(place, 2)[1:-1], tension.ravel(), label=label, **line)
+        middle = 0.5 * (tension[1:, 0] + tension[:-1, 1])
         for (what, which), mark in zip(marks.items(), "os", strict=True):
             axes.plot(place[1:-1][which], middle[which], mark, color=line["color"], markersize=4)
             seen |= {what: mark} if which.any() else {}
@@ -124,17 +126,21 @@ def _along_cable(shot, chain, number, element):
 
     Returns:
         place: distances of its nodes from the first one along the cable, [n + 1], m.
-        tension: of its segments, [n], N.
+        tension: of its segments, at both ends, [n, 2], N.
         marks: by what they mean, at which deviators they are, [n - 1] bool.
     """
     count = int((chain[1:] != chain[:-1]).sum())  # shorter chains repeat their last node
+    own = {name: values_by_group(tree, 0) for name, tree in shot.element_results.items()}
+    hangs = END_TENSIONS.name in own and own[END_TENSIONS.name][number] is not None
     tension, used, clamp = (
-        np.asarray(values_by_group(shot.element_results[result.name], 0)[number][element])
-        for result in (SEGMENT_TENSION, FRICTION_USED, CLAMP_FORCE)
+        np.asarray(own[result.name][number][element])[:count]
+        for result in (END_TENSIONS if hangs else SEGMENT_TENSION, FRICTION_USED, CLAMP_FORCE)
     )
-    tension, used, clamp = tension[:count], used[: count - 1], clamp[: count - 1]
+    tension = tension if hangs else np.stack([tension, tension], axis=1)
+    used, clamp = used[: count - 1], clamp[: count - 1]
     way = np.diff(shot.positions[chain[: count + 1]], axis=0)
     place = np.append(0.0, np.cumsum(np.linalg.norm(way, axis=1)))
-    seen = np.abs(np.diff(tension)) > _SEEN * tension.max()  # not where the cable is straight
+    jump = np.abs(tension[1:, 0] - tension[:-1, 1])
+    seen = jump > _SEEN * tension.max()  # not where the cable is straight
     full = seen & (np.abs(used) > _USED) & (clamp == 0)
     return place, tension, {"friction fully used": full, "clamp": clamp != 0}

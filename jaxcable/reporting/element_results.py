@@ -6,7 +6,7 @@ import numpy as np
 
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import PRESENT
-from ..elements.friction_state import CLAMP_FORCE, SEGMENT_TENSION
+from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
 from ..model.result_parts import present_elements, result_columns
 from .columns import element_columns, envelope_columns, states_heading
 from .states import ReportedAnalysis
@@ -106,9 +106,10 @@ def _place_text(group, element, name, place):
 
     None for segments and deviators that only fill up a shorter chain. `name` is that of the result.
     """
-    if not group.is_chain or not place.isdigit():
+    if SEGMENT_TENSION not in group.results or not place.isdigit():
         return place
-    of_segment = name == SEGMENT_TENSION.name  # else it is a deviator, the end of a segment
+    # else it is a deviator, the end of a segment
+    of_segment = name not in (SLIP.name, FRICTION_USED.name, CLAMP_FORCE.name)
     first, last = group.links.array[element, int(place) + (not of_segment) :][:2]
     text = f"{first} to {last}" if of_segment else f"node {first}"
     return text if first != last else None

@@ -1,9 +1,9 @@
 """Pictures of cables with friction: every segment has its own tension, in colors and diagrams."""
 
+import jax
 import numpy as np
 import pytest
 import scenes
-from matplotlib.patches import StepPatch
 from oracles.convergence import converged
 from test_plots import legend_texts
 from test_view import decoded
@@ -70,22 +70,41 @@ def test_tension_along_a_stay(stay):
     _, solution, tensions = stay
     figure = jc.plots.tension_along(solution, "stay", phases=[1, -1], names=["p", "on", "off"])
     (axes,) = figure.axes
-    steps = [patch for patch in axes.patches if isinstance(patch, StepPatch)]
-    for patch, k in zip(steps, (1, 2), strict=True):
-        values, edges, _ = patch.get_data()
-        np.testing.assert_allclose(values, tensions[k] / 1e3, rtol=1e-12)
+    steps = [line for line in axes.lines if line.get_label() in ("on", "off")]
+    for line, k in zip(steps, (1, 2), strict=True):
+        edges, values = (x.reshape(-1, 2) for x in line.get_data())
+        np.testing.assert_allclose(values.T, np.tile(tensions[k] / 1e3, (2, 1)), rtol=1e-12)
         chain = np.asarray(solution.phases[k].positions)
         lengths = np.linalg.norm(np.diff(chain, axis=0), axis=1)
-        np.testing.assert_allclose(np.diff(edges), lengths, rtol=1e-12)
+        np.testing.assert_allclose(np.diff(edges)[:, 0], lengths, rtol=1e-12)
     # a dot at the saddle, and a square at the clip, which the load has pulled
     assert legend_texts(figure) == ["on", "off", "friction fully used", "clamp"]
-    dots = {line.get_marker(): line for line in axes.lines if len(line.get_xdata())}
+    dots = [line.get_marker() for line in axes.lines if len(line.get_xdata()) and line not in steps]
     assert set(dots) == {"o", "s"}
     assert axes.get_xlabel() == "length from the first end (m)"
     assert axes.get_ylabel() == "tension (kN)"
     imperial = jc.plots.tension_along(solution, units="kip, ft")
     assert imperial.axes[0].get_ylabel() == "tension (kip)"
-    assert len(imperial.axes[0].patches) == 3
+    assert legend_texts(imperial)[:3] == ["phase 1", "phase 2", "phase 3"]
+
+
+def test_tension_along_a_hanging_cable():
+    """Its tension rises towards the pulley; without friction there is no jump, and no mark."""
+    nodes = [[0.0, 0.0, 0.0], [200.0, 0.0, 40.0], [500.0, 0.0, 0.0]]
+    line = jc.SlidingCatenaries(
+        links=[[0, 1, 2]], axial_stiffness=3e7, weight=15.0, rest_length=510.0
+    )
+    bar = jc.Bars([[1, 3]], axial_stiffness=1e9)  # a node that can move
+    supports = jc.pinned([0, 1, 2]) + jc.restrained([3], "xy")
+    structure = jc.Structure([*nodes, [200.0, 0.0, 41.0]], {"line": line, "bar": bar}, supports)
+    with jax.numpy_rank_promotion("allow"):  # as users have it
+        solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight(on="line"))))
+    (axes,) = jc.plots.tension_along(solution).axes
+    ends = np.asarray(solution.element_results["end_tensions"]["line"][0]) / 1e3
+    _, values = axes.lines[0].get_data()
+    np.testing.assert_allclose(values, ends.ravel() * (1e3 if ends.max() < 10 else 1), rtol=1e-12)
+    assert values[1] == pytest.approx(values[2]) and values[0] < values[1] > values[3]
+    assert not any(len(marks.get_xdata()) for marks in axes.lines[1:])
 
 
 @pytest.mark.parametrize(
