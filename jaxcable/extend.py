@@ -13,7 +13,7 @@ analysis, derivatives, pictures and reports then treat it as they treat those of
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
 dataclasses whose fields are arrays; fields with topology are `Indices`. `copy_with` changes fields
 without the constructor. `register` lets files hold a class. Results of an element are named by
-`Result`, statements of phases that it knows alone by `Statement`. A constructor converts numbers
+`Result`, inputs of phases that it knows alone by `PhaseInput`. A constructor converts numbers
 (`as_floats`, `floats_per_element`) and refuses those that break a rule (`refuse_if_broken`); with a
 method ``rules()`` an analysis also ends in INVALID_INPUT where traced numbers break one.
 
@@ -89,8 +89,8 @@ from .elements.element import (
     Result,
 )
 from .elements.element_state import ElementLoad, ElementState
+from .elements.phase_input import InputValues, PhaseInput
 from .elements.prestress import AxialState
-from .elements.statement import StatedValues, Statement
 from .elements.straight import Straight
 from .files.codec import register
 from .linear.solver import Analysis, NumericFactor, Solver
@@ -115,6 +115,7 @@ __all__ = [
     "ElementState",
     "Following",
     "Indices",
+    "InputValues",
     "Jacked",
     "Law",
     "Measured",
@@ -122,6 +123,7 @@ __all__ = [
     "NumericFactor",
     "OnGroups",
     "OnNodes",
+    "PhaseInput",
     "Prestressable",
     "Result",
     "Rounding",
@@ -129,8 +131,6 @@ __all__ = [
     "Sagging",
     "Secant",
     "Solver",
-    "StatedValues",
-    "Statement",
     "Straight",
     "Uniaxial",
     "WindProfile",

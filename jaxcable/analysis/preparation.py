@@ -44,11 +44,11 @@ from .phase_checks import (
     warn_of_free_ends,
     without_amplitudes,
 )
+from .phase_inputs import depends_on_weight, end_tensions_as_jacking
 from .phases import Phase, as_phases
-from .prestress_rules import statements_keep_rules
-from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
+from .prestress_rules import phase_inputs_keep_rules
+from .schedule import Schedule, number_phases, stack_nodal_loads, stack_phase_inputs
 from .solution import Solution, State
-from .statements import concerns_weight, end_tensions_as_jacks
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -118,10 +118,8 @@ def prepare(
         for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    statements = [
-        phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
-    ]
-    stated = stack_statements([end_tensions_as_jacks(structure, x) for x in statements], bundles)
+    inputs = [phase.inputs(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)]
+    stated = stack_phase_inputs([end_tensions_as_jacking(structure, x) for x in inputs], bundles)
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
     followed = restart is not None and any(stack.follows for stack in restart.loads)
@@ -134,12 +132,12 @@ def prepare(
     )
     idle = attached = None
     if presence is not None:
-        presence = refuse_absent_elements(structure, phases, statements, presence, earlier)
+        presence = refuse_absent_elements(structure, phases, inputs, presence, earlier)
         warn_of_idle_loads(without_amplitudes(along), presence, earlier)
         presence, attached = presence.on_bundles(bundles), attached_placement_mask(phases)
         idle = presence.inactive_dofs(structure, bundled)
-    _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
-    if any(concerns_weight(phase) for phase in phases):
+    _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlier)
+    if any(depends_on_weight(phase) for phase in phases):
         loads_known = [*known_loads(phases), *(stack.load for stack in everything)]
         weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
@@ -151,7 +149,7 @@ def prepare(
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stated,
+        inputs=stated,
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,  # type: ignore[arg-type]  # fields of it, see `Schedule`
@@ -183,7 +181,7 @@ def _take_rows(nodes, rows):
     return nodes[rows]
 
 
-def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier):
+def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlier):
     """Warn of nodal loads that strain elements a lot, and of phases in which nothing can move.
 
     `loads` are as of `check_loads`, by phase; `sets` and `idle` (or None) are held and inactive
@@ -193,7 +191,7 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
     for k, phase in enumerate(phases):
         nodal, movements, along = loads[k]
         moving, mask = along or movements, sets[k + 1].array
-        alone = not (moving or any(statements[k])) and phase.supports is None
+        alone = not (moving or any(inputs[k])) and phase.supports is None
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
         peaks = [scale_to_peak(*pair) for pair in nodal]
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
@@ -334,9 +332,9 @@ def traced_input_status(
     good = jnp.broadcast_to(structure_ok & are_rules_kept(collect_rules(others)), len(schedule))
     if schedule.is_consistent is not None:
         good = good & schedule.is_consistent
-    if jax.tree.leaves(phases.statements):
-        keep_rules = jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))
-        good = good & keep_rules(phases.statements)
+    if jax.tree.leaves(phases.inputs):
+        keep_rules = jax.vmap(lambda own: phase_inputs_keep_rules(own, groups, nodes))
+        good = good & keep_rules(phases.inputs)
     for added in (phases.added_load, phases.moved):
         if added is not None and added.amplitude is not None:
             good = good & jax.vmap(lambda own: are_rules_kept(own.rules()))(added.amplitude)

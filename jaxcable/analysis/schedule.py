@@ -1,7 +1,7 @@
 """The phases of an analysis as arrays, stacked on the host: one program serves for all phases.
 
 What one phase has is also there in the arrays of the others, without effect: loads of zero,
-statements (such as a pretension) that concern no element, unknowns that are free in another phase
+inputs (such as a pretension) that concern no element, unknowns that are free in another phase
 and held in this one. What no phase has is absent.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common.tree import copy_with, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from ..loads.load import Load
 from ..loads.varying import Amplitude, stack_amplitudes
 from ..mechanics.bundles import Bundles
@@ -79,34 +79,34 @@ class Schedule:
         return self.complete(jax.tree.map(lambda x: x[k], self.phases))
 
 
-def stack_statements(
-    statements: Sequence[Sequence[dict[str, StatedValues]]], bundles: Bundles
-) -> list[dict[str, StatedValues]]:
-    """Stack what all phases state of elements: per bundle a dict from name to `StatedValues`.
+def stack_phase_inputs(
+    inputs: Sequence[Sequence[dict[str, InputValues]]], bundles: Bundles
+) -> list[dict[str, InputValues]]:
+    """Stack what all phases state of elements: per bundle a dict from name to `InputValues`.
 
-    The arrays get an axis [n_phase]. In phases without the statement they concern no element, and
+    The arrays get an axis [n_phase]. In phases without the input they concern no element, and
     of a bundle (groups evaluated as one) no element of the groups without it.
 
     Args:
-        statements: for every phase a list with a dict for every group.
+        inputs: for every phase a list with a dict for every group.
         bundles: which groups are evaluated together.
     """
     found = []
     for groups in bundles.group_indices:
-        names = dict.fromkeys(n for phase in statements for k in groups for n in phase[k])
+        names = dict.fromkeys(n for phase in inputs for k in groups for n in phase[k])
         sizes = [bundles.sizes[k] for k in groups]
         of_bundle = {}
         for name in names:
-            parts = [[phase[k].get(name) for k in groups] for phase in statements]
-            of_bundle[name] = _stack_statement(parts, sizes)
+            parts = [[phase[k].get(name) for k in groups] for phase in inputs]
+            of_bundle[name] = _stack_phase_input(parts, sizes)
         found.append(of_bundle)
     return found
 
 
-def _stack_statement(parts, sizes):
-    """Return `StatedValues` [n_phase, n_elem, ...] of `parts`, for every phase a list by group.
+def _stack_phase_input(parts, sizes):
+    """Return `InputValues` [n_phase, n_elem, ...] of `parts`, for every phase a list by group.
 
-    Each item is `StatedValues` or None; `sizes` are the numbers of elements of the groups.
+    Each item is `InputValues` or None; `sizes` are the numbers of elements of the groups.
     """
     every = [part for phase in parts for part in phase]
     several = next(np.shape(part.values)[1:] for part in every if part is not None)
@@ -114,15 +114,15 @@ def _stack_statement(parts, sizes):
     def filled(stated, count):
         if stated is not None:
             return stated
-        return StatedValues(np.zeros((count, *several)), np.zeros(count, bool))
+        return InputValues(np.zeros((count, *several)), np.zeros(count, bool))
 
     rows = [list(map(filled, phase, sizes)) for phase in parts]
     joined = [[own.values for own in row] for row in rows]
     values = stack_trees([x[0] if len(x) == 1 else concatenate(x) for x in joined])
     if all(part is not None and part.chosen is None for part in every):
-        return StatedValues(values)
+        return InputValues(values)
     masks = [np.concatenate([own.element_mask() for own in row]) for row in rows]
-    return StatedValues(values, np.stack(masks))
+    return InputValues(values, np.stack(masks))
 
 
 def stack_nodal_loads(

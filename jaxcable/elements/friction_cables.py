@@ -17,7 +17,7 @@ from ..common import checks
 from ..common.rules import Rule, not_negative
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
-from .abilities import STATEMENTS
+from .abilities import PHASE_INPUTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Scalar
 from .element_state import OwnState
 from .friction import (
@@ -30,9 +30,9 @@ from .friction import (
     slips,
 )
 from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
+from .phase_input import InputValues, PhaseInput
 from .prestress import AxialState
 from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
-from .statement import StatedValues, Statement
 
 
 def _open_or_closed(name, values):
@@ -103,9 +103,9 @@ class FrictionCables(SlidingCables):
         *(TENSION, PEAK_TENSION, SECTION_STRAIN),
         *(SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
     )
-    statements = (
-        *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
-        Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+    phase_inputs = (
+        *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
+        PhaseInput("clamped", "-", ramped=False, rules=(_open_or_closed,)),
     )
     per_element = (  # type: ignore[assignment]  # three more
         *SlidingCables.per_element,
@@ -184,20 +184,20 @@ class FrictionCables(SlidingCables):
         like = next(iter(self.properties().values()))
         return jnp.zeros((count, width - 2), jnp.asarray(like).dtype)
 
-    def apply_statements(
+    def apply_phase_inputs(
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, StatedValues],
+        inputs: Mapping[str, InputValues],
     ) -> FrictionState:
-        """Return the state after the statements of a phase; see the class for shortenings."""
-        known = {name: stated for name, stated in statements.items() if name != "clamped"}
-        state = super().apply_statements(state, ends, known)  # an `AxialState` of the same class
-        if "clamped" in statements:
-            stated = statements["clamped"]
+        """Return the state after the inputs of a phase; see the class for shortenings."""
+        known = {name: stated for name, stated in inputs.items() if name != "clamped"}
+        state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
+        if "clamped" in inputs:
+            stated = inputs["clamped"]
             state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
-        if "shortening" in statements:
-            state = copy_with(state, fed=state.fed - statements["shortening"].values)
+        if "shortening" in inputs:
+            state = copy_with(state, fed=state.fed - inputs["shortening"].values)
         return state
 
     def committed_memory(

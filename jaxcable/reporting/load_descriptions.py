@@ -14,7 +14,7 @@ from ..common.tree import index_field
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
-from ..elements.abilities import STATEMENTS
+from ..elements.abilities import PHASE_INPUTS
 from ..files.codec import TYPES, user_fields
 from ..files.field_docs import field_units
 from ..loads import Varying, WindLoads, as_list
@@ -56,7 +56,7 @@ def _describe_action(action, structure, units, first):
     for name in ("temperature", "shortening"):
         values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
         if values:
-            unit = STATEMENTS[name].unit
+            unit = PHASE_INPUTS[name].unit
             where = getattr(action, name)
             where = f" on {', '.join(map(str, where))}" if isinstance(where, dict) else ""
             parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}{where}")

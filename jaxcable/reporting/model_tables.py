@@ -23,7 +23,7 @@ from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
 from .load_descriptions import SUM_OF_LOADS, range_with_unit
-from .phase_descriptions import describe_activation, describe_loads, describe_statements
+from .phase_descriptions import describe_activation, describe_loads, describe_phase_inputs
 from .table import Column, Table, columns_of_rows, make_table
 
 _FREEDOMS = "x", "y", "z", "rx", "ry", "rz"
@@ -173,7 +173,7 @@ def _further_properties(group, units):
 
 
 def _phase_table(structure, phases, names, units):
-    """Return the table of phases: a row for each statement, load, new supports, and activation.
+    """Return the table of phases: a row for each input, load, new supports, and activation.
 
     `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
     """
@@ -181,7 +181,7 @@ def _phase_table(structure, phases, names, units):
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
         lines: list[tuple[Any, ...]] = [("increments", str(phase.increments))]
-        lines += [("states", text) for text in describe_statements(phase, structure, units)]
+        lines += [("states", text) for text in describe_phase_inputs(phase, structure, units)]
         present = [np.ones(len(one.links), bool) for one in structure.groups]
         if presence is not None:
             present = [np.asarray(own[k]) for own in presence.present]

@@ -1,4 +1,4 @@
-"""Which length has weight and takes loads: under heat, jacks and statements one after the other."""
+"""Which length has weight and takes loads: under heat, jacks and inputs one after the other."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -162,7 +162,7 @@ def test_every_class_that_users_construct_is_among_the_examples():
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
     made_by_the_package |= {"Omission", "Cases", "ChunkReport", "CableData", "ProfileData", "Units"}
     # declarations in the bodies of own classes, texts and functions: no arrays
-    made_by_the_package |= {"Statement", "Result", "Rule"}
+    made_by_the_package |= {"PhaseInput", "Result", "Rule"}
     # settings of one call, which copy what they are given (tests/design/test_checks.py)
     made_by_the_package |= {own.__name__ for own in vars(jc.design).values() if is_check(own)}
 

@@ -122,9 +122,9 @@ class Brittle(Joined):
 class Jacks(Brittle, Jacked):
     """Says that it can be jacked, and has a state without a jack force."""
 
-    statements = ("jacking",)
+    phase_inputs = ("jacking",)
 
-    def apply_statements(self, state, ends, statements):
+    def apply_phase_inputs(self, state, ends, inputs):
         return state
 
     def lock_off(self, state, ends, motion):

@@ -99,7 +99,7 @@ def net(law=None, **first):
 
 
 def stages():
-    """Statements that differ from group to group, and loads on some elements of some."""
+    """Inputs that differ from group to group, and loads on some elements of some."""
     first = jc.Phase(
         pretension={"a": 300.0, "b": None, "c": jc.only([1], 250.0), "strut": None},
         prestrain={"a": None, "b": [2e-3, 3e-3, 2.5e-3], "c": None, "strut": None},

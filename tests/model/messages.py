@@ -63,9 +63,9 @@ def chain(middle):
     analyse(Phase(), structure=net(nodes, cables(LINKS[:2]), (0, 2)))
 
 
-def stated(elements=None, **statement):
+def stated(elements=None, **phase_input):
     """A phase of the net, or of one of other elements."""
-    analyse(Phase(**statement), structure=net(elements=elements))
+    analyse(Phase(**phase_input), structure=net(elements=elements))
 
 
 def loaded(*loads, structure=None):

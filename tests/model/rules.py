@@ -118,7 +118,7 @@ def numbers(name):
 
 
 def stated(name, kind=jc.Cables, **numbers):
-    """A phase's statement for one cable of two, so that nothing is said of the other."""
+    """A phase's input for one cable of two, so that nothing is said of the other."""
     return lambda v: code(net(kind=kind, **numbers), jc.Phase(**{name: jc.only([1], v)}))
 
 
@@ -382,20 +382,20 @@ lambda v: jc.sections.bredt_torsion(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 lambda v: jc.Section.composite([DISC, DISC.shifted(z=0.2)], torsion=v).torsion,
     # torsion: torsion = -1.0
 ## analysis/prestress_rules.py
-stated("rest_length"),  # value_rules: ...rest_length[1] = -1.0: ... must be positive
-stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
-stated("pretension"),  # value_rules: ...pretension[1] = -1.0: a cable carries tension only
-stated("force_density"),  # value_rules: ...force_density[1] = -1.0
-stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
+stated("rest_length"),  # sign_rules: ...rest_length[1] = -1.0: ... must be positive
+stated("prestrain"), 0.1, -1.0  # sign_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
+stated("pretension"),  # sign_rules: ...pretension[1] = -1.0: a cable carries tension only
+stated("force_density"),  # sign_rules: ...force_density[1] = -1.0
+stated("jacking"), 100.0, -100.0  # sign_rules: ...jacking[1] = -100.0
 stated("pretension", jc.Contacts), -1.0, 1.0
-    # value_rules: ...pretension[1] = 1.0: a contact carries compression only
-stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
-stated("end_tension"), 100.0, -100.0  # value_rules: ...end_tension[1] = -100.0: a cable carries
+    # sign_rules: ...pretension[1] = 1.0: a contact carries compression only
+stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # sign_rules: ...sag[1] = -0.1
+stated("end_tension"), 100.0, -100.0  # sign_rules: ...end_tension[1] = -100.0: a cable carries
 stated("end_tension", jc.Catenaries), 1.0, 0.0
-    # value_rules: ...end_tension[1] = 0.0: must be positive: a cable that hangs has
+    # sign_rules: ...end_tension[1] = 0.0: must be positive: a cable that hangs has
 stated("horizontal_tension", jc.Catenaries), 1.0, -1.0
-    # value_rules: ...horizontal_tension[1] = -1.0: must be positive
-stated("built_sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...built_sag[1] = -0.1
+    # sign_rules: ...horizontal_tension[1] = -1.0: must be positive
+stated("built_sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # sign_rules: ...built_sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...pretension[1] = 1000001.0: more than the law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
