@@ -54,11 +54,11 @@ from .design import fit, influence, minimize
 from .elements import (
     Bars,
     Beams,
-    Bearings,
     Cables,
     Catenaries,
     Contacts,
     FrictionCables,
+    GroundContacts,
     SlidingCables,
     Springs,
 )
@@ -106,7 +106,6 @@ __all__ = [
     "AreaLoads",
     "Bars",
     "Beams",
-    "Bearings",
     "CablePressure",
     "Cables",
     "Catenaries",
@@ -115,6 +114,7 @@ __all__ = [
     "EurocodeWind",
     "FacePressure",
     "FrictionCables",
+    "GroundContacts",
     "IceLoads",
     "Incremental",
     "InputWarning",

@@ -3,11 +3,11 @@
 A class derives from a base class below, which says what to write and has defaults for the rest; an
 analysis, derivatives, pictures and reports then treat it as they treat those of the package.
 
-- An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jacked`, ...
+- An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jackable`, ...
 - Its state is an `ElementState`, or `AxialState` for an unstressed length. `check` tries both.
 - A uniaxial law derives from `Law`.
-- A load derives from `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; and `OnGroups`. A wind
-  profile for `WindLoads` derives from `WindProfile`.
+- A load derives from `OnNodes`, `PrescribedMovement`, `DeadLoad`, `LoadPerGeometry`,
+  `FollowerLoad`; and `OnGroups`. A wind profile for `WindLoads` derives from `WindProfile`.
 - A linear solver consists of `Solver`, `Analysis` and `NumericFactor`; `register_solver` tries it.
 
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
@@ -72,11 +72,11 @@ from .common.rules import Rule, not_negative, positive, refuse_if_broken
 from .common.tree import Indices, copy_with, pytree, set_fields
 from .elements.abilities import (
     Bending,
-    Jacked,
+    Hanging,
+    Jackable,
     Prestressable,
-    Rounding,
-    Sagging,
-    Secant,
+    RoundingEstimate,
+    SecantStiffness,
     Uniaxial,
 )
 from .elements.contract import check
@@ -96,7 +96,7 @@ from .files.codec import register
 from .linear.solver import Analysis, NumericFactor, Solver
 from .linear.solver import register as register_solver
 from .loads.groups import OnGroups
-from .loads.load import Dead, Following, Measured, Moving, OnNodes
+from .loads.load import DeadLoad, FollowerLoad, LoadPerGeometry, OnNodes, PrescribedMovement
 from .loads.wind_profiles import WindProfile
 from .materials.law import Law
 from .numerics import rotations
@@ -109,27 +109,27 @@ __all__ = [
     "Analysis",
     "AxialState",
     "Bending",
-    "Dead",
+    "DeadLoad",
     "Element",
     "ElementLoad",
     "ElementState",
-    "Following",
+    "FollowerLoad",
+    "Hanging",
     "Indices",
     "InputValues",
-    "Jacked",
+    "Jackable",
     "Law",
-    "Measured",
-    "Moving",
+    "LoadPerGeometry",
     "NumericFactor",
     "OnGroups",
     "OnNodes",
     "PhaseInput",
+    "PrescribedMovement",
     "Prestressable",
     "Result",
-    "Rounding",
+    "RoundingEstimate",
     "Rule",
-    "Sagging",
-    "Secant",
+    "SecantStiffness",
     "Solver",
     "Straight",
     "Uniaxial",

@@ -21,7 +21,7 @@ from ..common.selection import Only
 from ..common.types import Bool
 from ..elements.phase_input import InputValues
 from ..loads.groups import OnGroups
-from ..loads.load import Acting
+from ..loads.load import PersistentLoad
 from ..model.structure import Structure
 from .activation import Activation
 from .group_values import is_single_number, value_per_group
@@ -73,7 +73,7 @@ def refuse_absent_elements(
 
 
 def warn_of_idle_loads(
-    along: Sequence[Sequence[Acting]], presence: Activation, earlier: int = 0
+    along: Sequence[Sequence[PersistentLoad]], presence: Activation, earlier: int = 0
 ) -> None:
     """Warn of loads on elements none of which is there in the phase of the load or later.
 
@@ -86,12 +86,12 @@ def warn_of_idle_loads(
         for acting in loads:
             if not isinstance(acting, OnGroups) or not acting.on:  # or a load on stated faces
                 continue
-            on: Any = acting.on  # numbers of groups, after `with_group_numbers`
+            on: Any = acting.on  # numbers of groups, after `with_group_indices`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.element_factors or {}
-            acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
-            if not any(np.any(one) for one in acts):
+            is_acting = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
+            if not any(np.any(one) for one in is_acting):
                 checks.warn_user(
                     f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
                     "there in this phase, nor in a later one"

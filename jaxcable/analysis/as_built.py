@@ -38,7 +38,7 @@ from ..common.compilation import is_top_level_call
 from ..common.selection import only
 from ..common.tree import copy_with, replace
 from ..common.types import Array, Float, Int
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..elements.phase_input import InputValues
 from ..elements.prestress import call_each_element
 from ..equilibrium.incremental import Incremental
@@ -55,7 +55,7 @@ from .as_built_inputs import (
     find_as_built_inputs,
     refuse_lengths_beyond_digits,
 )
-from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
+from .element_shapes import ElementShapes, element_shapes, map_shapes
 from .length_search import newton_search, solve_dense
 from .phase_inputs import AS_BUILT_INPUTS, end_tensions_as_jacking, may_have_as_built_inputs
 from .phases import Phase, as_phases
@@ -94,7 +94,7 @@ def with_lengths_as_built(
         ValueError: as of `solve`.
     """
     phases = as_phases(structure, phases)
-    hangs = any(isinstance(group, Sagging) for group in structure.groups)
+    hangs = any(isinstance(group, Hanging) for group in structure.groups)
     if not any(may_have_as_built_inputs(phase, hangs) for phase in phases):
         return phases, None
     with checks.without_warnings():
@@ -201,7 +201,7 @@ def _with_prestrains(structure, phases, stated, m):
         for number in {one.group for one in stated if one.phase == k}:
             jacked[number] = every[number]  # lengths meet its end tensions
         jacks = [
-            None if isinstance(group, Sagging) else own.get("jacking")
+            None if isinstance(group, Hanging) else own.get("jacking")
             for group, own in zip(structure.groups, jacked, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
@@ -272,7 +272,7 @@ def _guess_log_lengths(structure, stated):
     parts = []
     for one in stated:
         cables = structure.groups[one.group]
-        if not isinstance(cables, Sagging):
+        if not isinstance(cables, Hanging):
             parts.append(_lengths_of_straight(cables, one.elements, one.values))
             continue
         chord, span, stiffness, weight = _hanging_parameters(structure, cables, one.elements)
@@ -303,7 +303,7 @@ def _relative_errors(solution, structure, phases, stated):
 
     Measured is what the end of the phase in `solution` has; zero for cables absent there.
     """
-    shapes = {one.phase: shapes_of_groups(structure, solution.phases[one.phase]) for one in stated}
+    shapes = {one.phase: element_shapes(structure, solution.phases[one.phase]) for one in stated}
     parts = []
     for one in stated:
         tension = structure.group_tree.flatten_up_to(solution.phases[one.phase].tension)

@@ -10,9 +10,9 @@ import numpy as np
 from ..common import checks
 from ..common.rules import are_rules_kept
 from ..common.types import Array, Bool, Float, Int
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..loads import as_list
-from ..loads.load import Acting
+from ..loads.load import PersistentLoad
 from ..loads.varying import Varying
 from ..model.structure import Structure
 from .phase_inputs import AS_BUILT_INPUTS, may_have_as_built_inputs
@@ -90,7 +90,7 @@ def find_as_built_inputs(
         for number, own in enumerate(inputs):
             cables: Any = structure.groups[number]
             names: tuple[str, ...] = (*AS_BUILT_INPUTS, "jacking")
-            if not isinstance(cables, Sagging):
+            if not isinstance(cables, Hanging):
                 names = ("end_tension",) if straight else ()
             for name in names:
                 if name not in own:
@@ -116,7 +116,7 @@ def find_as_built_inputs(
 
 def _acts_on_elements(given):
     """Return whether a load of a phase acts on elements, not on nodes; also if it is `Varying`."""
-    return isinstance(given.load if isinstance(given, Varying) else given, Acting)
+    return isinstance(given.load if isinstance(given, Varying) else given, PersistentLoad)
 
 
 def _is_first_end(tension_at, structure, cables, chosen):

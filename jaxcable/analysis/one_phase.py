@@ -181,7 +181,7 @@ def _solve_by_newton(
             last_output = copy_with(last_output, by_name=results)
         else:
             seen, _, memory, x = _replay_increments(ramp, factors, xs, good, True)
-            last_output = _entry_of_last_good(seen, good)
+            last_output = _entry_of_last_converged(seen, good)
         point = x, x, None
         if differentiate_path:
             seen, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
@@ -285,10 +285,10 @@ def _replay_to_end(problem):
     """
     ramp, factors, xs, good = merge_indices(*problem)
     seen, _, memory, last = _replay_increments(ramp, factors, xs, good, True)
-    return last, memory, _entry_of_last_good(seen, good).by_name
+    return last, memory, _entry_of_last_converged(seen, good).by_name
 
 
-def _entry_of_last_good(stacked, good):
+def _entry_of_last_converged(stacked, good):
     """Return the entry of the last converged increment of a pytree of arrays [n_inc, ...].
 
     `good` says which increments have converged, [n_inc] bool; the first entry if none has.

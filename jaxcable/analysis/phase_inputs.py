@@ -19,9 +19,9 @@ from ..common.selection import Only, Selection
 from ..common.types import ArrayLike, Float, PyTree
 from ..elements.abilities import (
     PHASE_INPUTS,
-    Jacked,
+    Hanging,
+    Jackable,
     Prestressable,
-    Sagging,
     accepted_inputs,
     component_names,
 )
@@ -122,7 +122,7 @@ def end_tensions_as_jacking(
 ) -> list[dict[str, InputValues]]:
     """Return inputs by group; an end tension of straight elements becomes that of a jack."""
     return [
-        own if isinstance(group, Sagging) else _end_tension_as_jacking(own)
+        own if isinstance(group, Hanging) else _end_tension_as_jacking(own)
         for group, own in zip(structure.groups, inputs, strict=True)
     ]
 
@@ -186,7 +186,7 @@ def _require_compatible(inputs, where, key, group):
                 f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
                 "give them to different elements by only(elements, values)"
             )
-    kept = () if isinstance(group, Sagging) else ("jacking", "end_tension")
+    kept = () if isinstance(group, Hanging) else ("jacking", "end_tension")
     for force, name in itertools.product(kept, INCREMENTAL_INPUTS):
         if force not in inputs or name not in inputs:
             continue
@@ -276,7 +276,7 @@ def _require_ability(group, name, path, structure):
         raise ValueError(f"{path}: a group of {kind} cannot be prestressed")
     if name not in known:
         raise ValueError(f"{path}: {kind} have no {name}; they take {', '.join(known)}")
-    hangs = isinstance(group, Sagging)
+    hangs = isinstance(group, Hanging)
     if name in ("sag", "built_sag") and (not hangs or group.weight is None):
         raise ValueError(
             f"{path}: only catenaries with a weight can have a stated sag; for a chain of straight "
@@ -287,7 +287,7 @@ def _require_ability(group, name, path, structure):
             f"{path}: only catenaries have a stated horizontal tension; {kind} pull along their "
             "chord, give end_tension"
         )
-    if name in ("jacking", "end_tension") and not (hangs or isinstance(group, Jacked)):
+    if name in ("jacking", "end_tension") and not (hangs or isinstance(group, Jackable)):
         raise ValueError(f"{path}: {kind} cannot be jacked")
     if name == "temperature" and group.expansion is None:
         raise ValueError(

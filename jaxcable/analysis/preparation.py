@@ -39,7 +39,7 @@ from .phase_checks import (
     check_loads,
     check_method,
     check_supports,
-    known_loads,
+    loads_of_all_phases,
     refuse_secant_with_followers,
     warn_of_free_ends,
     without_amplitudes,
@@ -138,7 +138,7 @@ def prepare(
         idle = presence.inactive_dofs(structure, bundled)
     _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlier)
     if any(depends_on_weight(phase) for phase in phases):
-        loads_known = [*known_loads(phases), *(stack.load for stack in everything)]
+        loads_known = [*loads_of_all_phases(phases), *(stack.load for stack in everything)]
         weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     if restart is None:
@@ -202,7 +202,7 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlie
 @computed_once
 def _bundles_of(structure):
     """Return which groups of a structure are evaluated together; numbers do not matter."""
-    return Bundles.of(structure.motion_rows()[1])
+    return Bundles.from_groups(structure.motion_rows()[1])
 
 
 def _numbering_function(structure, method, stacks, groups, bundles, convex):

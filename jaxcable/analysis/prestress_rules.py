@@ -12,7 +12,7 @@ import numpy as np
 
 from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import PHASE_INPUTS, Sagging, accepted_inputs
+from ..elements.abilities import PHASE_INPUTS, Hanging, accepted_inputs
 from ..elements.element import Element
 from ..elements.phase_input import InputValues
 from ..elements.prestress import call_each_element
@@ -103,7 +103,7 @@ def sign_rules(
     if name in ("sag", "built_sag"):
         text = "a sag must be positive; a straight cable has no length of its own"
         return [positive(path, values, text)]
-    hangs = isinstance(group, Sagging)
+    hangs = isinstance(group, Hanging)
     if name == "horizontal_tension" or (hangs and name in ("jacking", "end_tension")):
         text = "must be positive: a cable that hangs has a tension"
         return [positive(path, values, text)]

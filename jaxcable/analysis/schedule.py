@@ -207,9 +207,9 @@ def number_phases(
         changes["temporarily_fixed"] = changes["fixed"].reshape(len(now), -1)[
             :, np.asarray(dof_map.free)
         ]
-        spins = _stack_free_spins([fixed.spins for fixed in now])
-        if spins is not None:
-            changes["free_spins"] = spins
+        mechanisms = _stack_torsional_mechanisms([fixed.mechanisms for fixed in now])
+        if mechanisms is not None:
+            changes["torsional_mechanisms"] = mechanisms
     if idle is not None:
         before = _stack_fixed(was)
         held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
@@ -225,19 +225,19 @@ def _stack_fixed(sets):
     return held
 
 
-def _stack_free_spins(spins):
-    """Stack the `FreeSpins` of all phases (or None), padded to equal size; None if all are None.
+def _stack_torsional_mechanisms(by_phase):
+    """Stack the `TorsionalMechanisms` of all phases, padded to equal size; None without any.
 
     Returns:
         Their `rows`, `piece` (-1 in padding) and `ends`, each with an axis [n_phase].
     """
-    found = [some for some in spins if some is not None]
+    found = [some for some in by_phase if some is not None]
     if not found:
         return None
     m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
-    rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
-    ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
-    for k, some in enumerate(spins):
+    rows, piece = np.zeros((len(by_phase), m), np.int32), np.full((len(by_phase), m), -1, np.int32)
+    ends = np.tile(found[0].ends[:1], (len(by_phase), pieces, 1))  # padding: any line will do
+    for k, some in enumerate(by_phase):
         if some is not None:
             rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
             ends[k, : len(some.ends)] = some.ends

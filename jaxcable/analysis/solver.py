@@ -19,7 +19,7 @@ from .phases import Phase
 from .preparation import prepare
 from .recalled_derivative import attach_recalled_derivative, known_arguments
 from .solution import Solution, State
-from .states import arrange_solution
+from .states import as_user_solution
 
 
 def solve(
@@ -117,7 +117,7 @@ def solve(
     plausibility.warn_of_collapse(solution, jacked, task.fixed[-1].array)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task.bundles)
-    return arrange_solution(structure, solution, task)
+    return as_user_solution(structure, solution, task)
 
 
 _first_failure = as_program(first_failure)

@@ -350,13 +350,13 @@ def _values_of_checks(made, counted, structure, solutions):
             order: list[str] = []
 
             def terms_of_case(solution, check=check, order=order):
-                terms = check.terms(structure, solution)
+                terms = check.evaluate(structure, solution)
                 order[:] = terms
                 return terms
 
             chosen = jax.tree.map(lambda x, cases=cases: jnp.asarray(x)[cases], solutions)
             terms = values_of_cases(terms_of_case, chosen)
-            governing, which, second = check.over_cases({name: terms[name] for name in order})
+            governing, which, second = check.governing_terms({name: terms[name] for name in order})
             orders.append(list(governing))
             index = jnp.asarray(cases)
             places = index[which], None if second is None else index[second]
@@ -378,7 +378,7 @@ def _result_of_check(check, of, counted, values, structure):
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):
         raise ValueError(f"{check.name}: has {len(items)} names of items for {len(used)} values")
-    left_out = check.left_out(structure)
+    left_out = check.skipped_text(structure)
     if left_out:
         arguments.warn_user(f"{check.name}: not checked: {left_out}")
     inputs = tuple(input_with_unit(name, value) for name, value in check.inputs().items())

@@ -87,7 +87,7 @@ def unevaluated_point(x: Float[np.ndarray, " n"], count: int, code: int) -> Tria
     return TrialPoint(x, nan[:, 0], nan[:, 1:], code)
 
 
-class Search:
+class ParameterSearch:
     """A search within bounds, for known numbers: it evaluates a function at trial points.
 
     Args:

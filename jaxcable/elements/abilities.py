@@ -154,7 +154,7 @@ class Uniaxial(Element):
         return self.strain(state, ends, motion)
 
 
-class Jacked(Prestressable):
+class Jackable(Prestressable):
     """Elements whose axial force a jack can prescribe in a phase, by the input "jacking".
 
     Their state has the fields `jack_force`, N, and `jacked`, bool, as in `prestress.AxialState`.
@@ -176,7 +176,7 @@ END_PULL = Result("end_pull", "N", ("x", "y", "z"), increments=False, places=("f
 """Forces of a hanging element on its end nodes, which are not along its chord, [2, 3]."""
 
 
-class Sagging(Prestressable):
+class Hanging(Prestressable):
     """Elements that hang between their ends under their weight; a phase can state their sag.
 
     Their state has the field `rest_length`, m. With the result `END_PULL` (in `results`, under a
@@ -227,7 +227,7 @@ class Sagging(Prestressable):
         """Return points on one element, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
 
 
-class Secant(Element):
+class SecantStiffness(Element):
     """Elements with a secant stiffness between two motions, which the secant method needs."""
 
     @abc.abstractmethod
@@ -339,7 +339,7 @@ class TensionElement(Element):
         """
 
 
-class Rounding(Element):
+class RoundingEstimate(Element):
     """Elements that estimate the rounding error of their end forces.
 
     At small strains this error may be larger than the force itself.

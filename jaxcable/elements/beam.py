@@ -38,7 +38,7 @@ from ..programs.program_calls import as_program
 from ..sections import LinearSection, Section
 from ..sections.section import section_hint
 from . import bending
-from .abilities import BEAM_RESULTS, Bending, Rounding
+from .abilities import BEAM_RESULTS, Bending, RoundingEstimate
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
 from .beam_element import BeamElement
 from .element import Ends, Motion, Scalar
@@ -48,7 +48,7 @@ _MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so t
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
-class Beams(BeamElement, Prestressed, Bending, Rounding):
+class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
     """A group of beam elements; their nodes have rotations.
 
     Elements are initially straight. A curved member takes several of them even between its loads:
@@ -325,7 +325,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Return the smallest and the largest axial force of the section without bending, N."""
-        area, law = self.section.axial()
+        area, law = self.section.uniaxial()
         low, high = law.capacity
         return low * area, high * area
 
@@ -335,7 +335,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         """Return the strain at an axial force, N, without bending; ValueError with `memory`."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
-        area, law = self.section.axial()
+        area, law = self.section.uniaxial()
         return law.strain_at(force / area)
 
     # --- one element

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float
 from . import trial
-from .abilities import PHASE_INPUTS, Jacked, Prestressable, Sagging
+from .abilities import PHASE_INPUTS, Hanging, Jackable, Prestressable
 from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
 from .phase_input import PhaseInput
@@ -82,7 +82,7 @@ def _missing_ability_faults(group):
         for name in group.components:
             if name not in names:
                 yield f"components: {name!r} is none of its inputs"
-        for name, ability in (("jacking", Jacked), ("sag", Sagging)):
+        for name, ability in (("jacking", Jackable), ("sag", Hanging)):
             # groups that derive from `Prestressed` list all inputs, and refuse these
             own = "phase_inputs" in vars(kind)
             if own and name in group.phase_inputs and not isinstance(group, ability):

@@ -104,8 +104,8 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
 
     A cable that is longer than its chain everywhere between two clamps has no tension there.
     """
-    tension, sign = _search(lax.stop_gradient(segments))
-    solver = TangentSolver(_solve, _solve)
+    tension, sign = _find_tensions_and_slips(lax.stop_gradient(segments))
+    solver = TangentSolver(_solve_linear_system, _solve_linear_system)
     tension = implicit_root(_mismatches, tension, (segments, sign), solver)
     return SegmentTensions(tension, sign)
 
@@ -116,11 +116,11 @@ def slips(segments: StraightSegments, found: SegmentTensions) -> Float[Array, " 
     It is unstressed length, positive towards the next segment; zero where the cable sticks, and
     where it has no tension.
     """
-    later = jnp.triu(_shares_block(found.sign), 1)
-    return (later @ _unused_excess(segments, found.tension))[:-1]
+    later = jnp.triu(_connected_by_slips(found.sign), 1)
+    return (later @ _missing_elongation(segments, found.tension))[:-1]
 
 
-def is_at_change(segments: StraightSegments, found: SegmentTensions) -> Bool[Array, " n_deviator"]:
+def at_slip_limit(segments: StraightSegments, found: SegmentTensions) -> Bool[Array, " n_deviator"]:
     """Return where the cable is between sticking and slipping, up to rounding, [n - 1] bool.
 
     Tensions have no derivative there: under a larger load it slips, under a smaller one it sticks.
@@ -147,12 +147,12 @@ def elongations_and_rates(
     return jax.jvp(lambda t: elongations(segments, t), (tension,), (one,))
 
 
-def _unused_excess(segments, tension):
+def _missing_elongation(segments, tension):
     """Return by how much each segment lacks unstressed length for its tension, [n], m."""
     return jnp.where(tension > 0, segments.excess - elongations(segments, tension), 0.0)
 
 
-def _shares_block(sign):
+def _connected_by_slips(sign):
     """Return which segments are connected by slips, [n, n], as floats 0 or 1."""
     block = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.where(sign == 0, 1.0, 0.0))])
     return jnp.where(block[:, None] == block[None, :], 1.0, 0.0).astype(sign.dtype)
@@ -168,9 +168,9 @@ def _mismatches(tension, parameters):
     """
     segments, sign = parameters
     slack = lax.stop_gradient(tension) <= 0
-    earlier = jnp.tril(_shares_block(sign))
+    earlier = jnp.tril(_connected_by_slips(sign))
     rate = elongations_and_rates(segments, lax.stop_gradient(tension))[1]
-    balance = earlier @ _unused_excess(segments, tension) / (earlier @ lax.stop_gradient(rate))
+    balance = earlier @ _missing_elongation(segments, tension) / (earlier @ lax.stop_gradient(rate))
     if segments.jack is not None:
         force, jacked = segments.jack
         balance = jnp.where(jacked & (earlier[:, 0] > 0), tension[0] - force, balance)
@@ -180,7 +180,7 @@ def _mismatches(tension, parameters):
     return jnp.where(slack, tension, jnp.concatenate([held, balance[-1:]]))
 
 
-def _solve(_, product, rhs):
+def _solve_linear_system(_, product, rhs):
     """Solve with the linear function `product` of [n] numbers."""
     matrix = jax.vmap(product, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
     return linear.solve_general(matrix, rhs)[0]
@@ -189,7 +189,7 @@ def _solve(_, product, rhs):
 # --- the search, by dynamic programming along the cable
 
 
-def _search(segments):
+def _find_tensions_and_slips(segments):
     """Return the tensions of all segments, [n], N, and the signs of the slips, [n - 1]."""
     zero = jnp.zeros_like(segments.length)
     n, dtype = len(zero), zero.dtype
@@ -213,7 +213,7 @@ def _search(segments):
         before, ratio = best[i - 1], growth[i - 1]
         low, high = low / ratio, jnp.where(high > 0, high * ratio, high)
         alone = jnp.where(segments.length[i] > 0, stuck[i], before)
-        found = _best_tension(segments, growth, best, i, alone, (low, high))
+        found = _minimizing_tension(segments, growth, best, i, alone, (low, high))
         sticks = ~(alone * ratio < before) & ~(alone > before * ratio)
         found = jnp.where(sticks, alone, found)
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
@@ -235,7 +235,7 @@ def _search(segments):
     return jnp.where(jnp.isnan(given), given, jnp.concatenate([tension, best[-1:]])), sign
 
 
-def _best_tension(segments, growth, best, i, alone, reach):
+def _minimizing_tension(segments, growth, best, i, alone, reach):
     """Return the tension of segment i that is best for the segments 0 to i together, N.
 
     Args:
@@ -259,7 +259,7 @@ def _best_tension(segments, growth, best, i, alone, reach):
 
     def step(s):
         tension, low, high, _, count = s
-        value, rate = _total_mismatch(segments, growth, best, i, tension)
+        value, rate = _length_mismatch_and_rate(segments, growth, best, i, tension)
         low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
         new = tension - value / rate
         new = jnp.where((new >= low) & (new <= high), new, 0.5 * (low + high))
@@ -270,11 +270,11 @@ def _best_tension(segments, growth, best, i, alone, reach):
     found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
     # a cable that is too long even under a vanishing tension has none
     vanishing = jnp.full_like(start, jnp.finfo(start.dtype).tiny / eps)
-    too_long = _total_mismatch(segments, growth, best, i, vanishing)[0] >= 0
+    too_long = _length_mismatch_and_rate(segments, growth, best, i, vanishing)[0] >= 0
     return jnp.where(too_long, 0.0, found)
 
 
-def _total_mismatch(segments, growth, best, i, tension):
+def _length_mismatch_and_rate(segments, growth, best, i, tension):
     """Return by how much the segments that slip with segment i are too long for its tension, m.
 
     It is the sum over the segments whose tension changes with that of segment i, and increases with

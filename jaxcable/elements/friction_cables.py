@@ -22,10 +22,10 @@ from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion
 from .element_state import OwnState
 from .friction import (
     StraightSegments,
+    at_slip_limit,
     axle_bound,
     deviation_angles,
     elongations_and_rates,
-    is_at_change,
     segment_tensions,
     slips,
 )
@@ -166,8 +166,8 @@ class FrictionCables(SlidingCables):
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        fed = jnp.zeros_like(state.rest_length)
-        return FrictionState(**fields, clamped=zero, fed=fed, laid=zero)
+        fed_length = jnp.zeros_like(state.rest_length)
+        return FrictionState(**fields, clamped=zero, fed_length=fed_length, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
@@ -176,7 +176,8 @@ class FrictionCables(SlidingCables):
         share, now = before / jnp.sum(before), length / jnp.sum(length)
         # by how much the excess of length of a segment would differ from its share of the whole
         excess = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
-        return copy_with(state, laid=jnp.cumsum(excess)[:-1], fed=jnp.zeros_like(state.fed))
+        slip, none = jnp.cumsum(excess)[:-1], jnp.zeros_like(state.fed_length)
+        return copy_with(state, initial_slip=slip, fed_length=none)
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
@@ -197,7 +198,7 @@ class FrictionCables(SlidingCables):
             stated = inputs["clamped"]
             state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
         if "shortening" in inputs:
-            state = copy_with(state, fed=state.fed - inputs["shortening"].values)
+            state = copy_with(state, fed_length=state.fed_length - inputs["shortening"].values)
         return state
 
     def committed_memory(
@@ -244,13 +245,13 @@ class FrictionCables(SlidingCables):
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         stretched = elongations_and_rates(segments, found.tension)[0]
-        fed = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
-        fed = jnp.where(self._jack(state)[1], fed, 0.0)
+        fed_length = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
+        fed_length = jnp.where(self._jack(state)[1], fed_length, 0.0)
         return copy_with(
             state,
-            rest_length=state.rest_length + fed,
-            elongation=state.elongation - fed,
-            fed=state.fed + fed,
+            rest_length=state.rest_length + fed_length,
+            elongation=state.elongation - fed_length,
+            fed_length=state.fed_length + fed_length,
             jack_force=None,
             jacked=None,
         )
@@ -266,10 +267,10 @@ class FrictionCables(SlidingCables):
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         change, before, length = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _stretch(state) + state.laid, 1)
-        excess = before / jnp.sum(before) * (state.elongation + state.fed)
+        slip = jnp.pad(state.memory * _thermal_stretch(state) + state.initial_slip, 1)
+        excess = before / jnp.sum(before) * (state.elongation + state.fed_length)
         excess = excess + change + slip[1:] - slip[:-1]
-        excess = excess.at[0].add(-state.fed)
+        excess = excess.at[0].add(-state.fed_length)
         is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
         bound = self._friction_bound(ends, motion)
         bound = jnp.where(state.clamped > 0, jnp.inf, bound)
@@ -309,9 +310,8 @@ class FrictionCables(SlidingCables):
 
         It is unstressed length at the reference temperature.
         """
-        return state.memory + slips(*self._segments_with_tensions(state, ends, motion)) / _stretch(
-            state
-        )
+        slipped = slips(*self._segments_with_tensions(state, ends, motion))
+        return state.memory + slipped / _thermal_stretch(state)
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -345,7 +345,7 @@ class FrictionCables(SlidingCables):
 
         Where it has slipped before and loads pause, derivatives are those of slipping on.
         """
-        change = is_at_change(*self._segments_with_tensions(state, ends, motion))
+        change = at_slip_limit(*self._segments_with_tensions(state, ends, motion))
         change = change & (state.memory == 0)
         unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
         return jnp.any(change) | unstressed
@@ -394,6 +394,6 @@ def _forces_of_segments(pull, sign=-1.0):
     return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
 
 
-def _stretch(state):
+def _thermal_stretch(state):
     """Return the unstressed length of one cable over that at the reference temperature."""
     return 1.0 if state.thermal_stretch is None else state.thermal_stretch

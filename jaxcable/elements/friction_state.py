@@ -31,5 +31,5 @@ class FrictionState(AxialState):
     """
 
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
-    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
-    laid: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+    fed_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+    initial_slip: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given

@@ -63,7 +63,7 @@ class AxialState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
-    def weighed_anew(self) -> Self:
+    def reset_load_bearing_length(self) -> Self:
         """Return the state at the start of a phase: weight and loads act on the unstressed length.
 
         In the phase of a jack they act on the length before, and from then on on that which it has
@@ -239,7 +239,7 @@ class Prestressed(Prestressable):
             if stated.chosen is not None:  # others may be plumb: level spans have derivatives
                 level = jnp.zeros_like(ends).at[:, 1, 0].set(chord)
                 ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
-            hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
+            hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Hanging`
             return hung(ends, sag, 1.0 if state.thermal_stretch is None else state.thermal_stretch)
         if name != "prestrain" and name in PHASE_INPUTS:
             raise AssertionError(f"{name} is no strain")

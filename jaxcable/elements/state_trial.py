@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import copy_with
-from .abilities import Sagging, accepted_inputs, component_names
+from .abilities import Hanging, accepted_inputs, component_names
 from .element import Element
 from .element_state import OwnState
 from .phase_input import InputValues
@@ -71,7 +71,7 @@ def _can_test_input(name, group):
     only are never applied at once.
     """
     needs = {
-        "sag": isinstance(group, Sagging) and group.weight is not None,
+        "sag": isinstance(group, Hanging) and group.weight is not None,
         "temperature": group.expansion is not None,
     }
     return name not in _NO_CHANGE_AT_ONCE and needs.get(name, True)

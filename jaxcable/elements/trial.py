@@ -14,7 +14,7 @@ import numpy as np
 
 from ..common.tree import Indices
 from ..numerics.rotations import IDENTITY, move_node
-from .abilities import Jacked, Sagging
+from .abilities import Hanging, Jackable
 from .element import Element, Result
 from .element_state import ElementState
 from .prestress import single_element
@@ -340,8 +340,8 @@ def _field_faults(group, state, n_elem):
     needs = (
         ("has_length", group.has_length, ("rest_length",)),
         ("has_memory", group.has_memory, ("memory",)),
-        ("Jacked", isinstance(group, Jacked), ("jack_force", "jacked")),
-        ("Sagging", isinstance(group, Sagging), ("rest_length",)),
+        ("Jackable", isinstance(group, Jackable), ("jack_force", "jacked")),
+        ("Hanging", isinstance(group, Hanging), ("rest_length",)),
         ("shaped_by_load", group.shaped_by_load, ("element_load",)),
         (
             "state_at_activation",

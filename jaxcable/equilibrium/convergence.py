@@ -83,7 +83,7 @@ class AddedLoadCriterion:
     added_load: Float[Array, ""]
 
     @classmethod
-    def of_increment(
+    def for_increment(
         cls,
         system: System,
         earlier_residual: Float[Array, " n_free"],

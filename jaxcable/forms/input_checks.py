@@ -13,7 +13,7 @@ from ..common import checks, status
 from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..elements.element import Element, ElementState
 from ..elements.straight import Straight
 from ..loads import NodalLoads, SelfWeight, as_list
@@ -194,7 +194,7 @@ def warn_of_hanging_elements(
         return
     for (where, group), is_given in zip(named, prescribed, strict=True):
         weight = checks.array_if_known(group.weight)
-        if is_given and isinstance(group, Sagging) and weight is not None and np.any(weight):
+        if is_given and isinstance(group, Hanging) and weight is not None and np.any(weight):
             yield (
                 f"elements{where} (Catenaries): with given values they are straight in the form, "
                 "half of their weight at each end; hanging by the lengths of the form they have "

@@ -90,9 +90,9 @@ class OnFaces(OnGroups):
         set_fields(self, faces=as_faces(self.faces))
         return self._check_value_shape(len(self.faces))
 
-    def _key_text(self):
+    def _location_text(self):
         """Return the loaded faces or group in words, " on 4 faces"."""
-        return super()._key_text() if self.faces is None else f" on {len(self.faces)} faces"
+        return super()._location_text() if self.faces is None else f" on {len(self.faces)} faces"
 
     def loaded_groups(
         self, structure: Structure
@@ -147,4 +147,4 @@ class OnFaces(OnGroups):
         for number in self.on:
             faces = groups[number].links[:, np.array(groups[number].face)]
             own = jnp.broadcast_to(values, (len(faces), *one))
-            yield faces, self.apply_factors(number, own, states[number])
+            yield faces, self.apply_element_factors(number, own, states[number])

@@ -69,7 +69,7 @@ def with_member_factors(
     the smallest of their values. Loads of one kind thus have the same shapes.
 
     Args:
-        load: load in the form of an analysis (`OnGroups.with_group_numbers`).
+        load: load in the form of an analysis (`OnGroups.with_group_indices`).
         structure: the `Structure`.
         names: names of the fields that may have a value for each element.
         product: function of the load that returns what its elements are multiplied by, a scalar or

@@ -195,7 +195,7 @@ class Train(OnPath):
         """Return the rule that spacings are not negative, a list of `Rule`."""
         return [not_negative("spacings", self.spacings)]
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the axles in the form of an analysis: `ActingPoints`, zero off the path."""
         path = self._path_in(structure)
         position, forces, spacings = map(
@@ -266,7 +266,7 @@ class Crowd(OnPath):
         parts = "1 part" if jnp.ndim(self.begin) == 0 else f"{len(self.begin)} parts"
         return f"Crowd on {parts} of {len(self.path)} elements"
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the load in the form of an analysis: `ActingPoints`, four forces for each part.
 
         Elements that are loaded all along have a line load, as the last one in the table.

@@ -20,14 +20,14 @@ from ..elements.element import Element, OwnState
 from ..elements.element_state import ElementState
 from ..model.result_parts import path_of_group
 from ..model.structure import Structure
-from .groups import Key, OnGroups, group_numbers, join_columns
-from .load import Acting, Dead, Groups, OnEveryNode, Positions, States
+from .groups import Key, OnGroups, indices_of_groups, join_columns
+from .load import DeadLoad, Groups, OnEveryNode, PersistentLoad, Positions, States
 from .nodal import set_vectors
 
 _HINT = "; give one vector for all loads, or one for each of them"
 
 
-class WithinElements(Acting):
+class WithinElements(PersistentLoad):
     """Base of concentrated loads within the beams of one group, as a user gives them."""
 
     on: Key
@@ -37,7 +37,7 @@ class WithinElements(Acting):
 
         ValueError if there is no such group, or several, or its elements take no such loads.
         """
-        numbers = group_numbers(self.on, structure)
+        numbers = indices_of_groups(self.on, structure)
         beams = [n for n in numbers if POINT_LOADS in structure.groups[n].results]
         if self.on is not None and len(numbers) == 1 and not beams:
             where, kind = path_of_group(structure, numbers[0]), type(structure.groups[numbers[0]])
@@ -55,7 +55,7 @@ class WithinElements(Acting):
 
 
 @pytree(static=("on", "has_moments", "has_line", "name"))
-class ActingPoints(OnGroups, Dead):
+class ActingPoints(OnGroups, DeadLoad):
     """Concentrated loads within the beams of one group, in the form of an analysis.
 
     Args:
@@ -221,7 +221,7 @@ class PointLoads(WithinElements):
                 "nodes of it, by `NodalLoads`"
             )
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the loads in the form of an analysis: `ActingPoints`, a table by element."""
         number = self.group_index(structure)
         n_elem = len(structure.groups[number].links)

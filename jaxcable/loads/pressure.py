@@ -24,12 +24,12 @@ from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
-from .load import Blocks, Following, Groups, Positions, States
+from .load import Blocks, FollowerLoad, Groups, Positions, States
 
 PRESSURE_REFERENCES = ("current", "unstressed")
 
 
-class Pressure(Following):
+class Pressure(FollowerLoad):
     """Base of follower pressure on elements or faces, here called patches."""
 
     scales = ("pressure",)
@@ -169,7 +169,7 @@ class CablePressure(OnGroups, Pressure):
             return None
         count = len(group.links)
         axis = self.axis / _norm_or_one(self.axis)
-        pressure = self.apply_factors(number, jnp.broadcast_to(self.pressure, (count,)))
+        pressure = self.apply_element_factors(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _loaded_patches(self, groups, states, moved):
@@ -177,7 +177,7 @@ class CablePressure(OnGroups, Pressure):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            pressure = self.apply_factors(number, pressure, state)
+            pressure = self.apply_element_factors(number, pressure, state)
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 

@@ -143,7 +143,7 @@ class LoadRamp:
         for group, state, inputs in zip(groups, restart.states, data.inputs, strict=True):
             end_state = jack = None
             known = accepted_inputs(group)
-            state = state.weighed_anew()
+            state = state.reset_load_bearing_length()
             if "jacking" in inputs:
                 force = evaluate_elements("tension", group, state, nodes, restart.motion)
                 jack = (force, inputs["jacking"])

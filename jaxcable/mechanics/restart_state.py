@@ -96,6 +96,6 @@ def make_system(
         else state
         for number, (group, state) in enumerate(zip(groups, restart.states, strict=True))
     ]
-    space = space_of(groups).of(nodes, groups, dof_map, prescribed, restart.support_rotation)
+    space = space_of(groups).build(nodes, groups, dof_map, prescribed, restart.support_rotation)
     followers = [stack for stack in restart.loads if stack.follows] or None
     return System(nodes, groups, states, load, space, followers)

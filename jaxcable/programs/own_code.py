@@ -21,7 +21,7 @@ def user_code_digest(tree: Any) -> str | None:
         own = _user_objects(tree)
     except TypeError:  # not hashable: with traced indices
         own = _user_objects.__wrapped__(tree)
-    return digest.of_host_function(own) if own else None
+    return digest.host_function_digest(own) if own else None
 
 
 @functools.lru_cache(maxsize=256)

@@ -43,7 +43,7 @@ class Equations:
         self.arguments_tree: Any = jax.tree.structure(arguments)
         self.result_tree: Any = jax.tree.structure(result)
         # jaxprs are alive as long as these: so are the functions in them, and their addresses
-        self._key = digest.of_equations(jaxpr), self.arguments_tree, self.result_tree
+        self._key = digest.equations_digest(jaxpr), self.arguments_tree, self.result_tree
 
     def __hash__(self) -> int:
         return hash(self._key)

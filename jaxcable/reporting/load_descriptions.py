@@ -20,7 +20,7 @@ from ..files.field_docs import field_units
 from ..loads import Varying, WindLoads, as_list
 from ..loads.faces import OnFaces
 from ..loads.groups import OnGroups
-from ..loads.load import Load, Moving, OnNodes
+from ..loads.load import Load, OnNodes, PrescribedMovement
 from ..model.structure import Structure
 from ..programs.traced_function import evaluate_at_once
 
@@ -101,7 +101,7 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
         described += f" ({elements_text(load.elements.elements)})"
     if (per := vars(load).get("per")) is not None:
         described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
-    if isinstance(load, Moving) and (nodes := index_field(load, "nodes")) is not None:
+    if isinstance(load, PrescribedMovement) and (nodes := index_field(load, "nodes")) is not None:
         described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"
     return "; ".join([described, ", ".join(map(" ".join, numbers))]).removesuffix("; ")
 

@@ -14,7 +14,7 @@ from ..analysis.phases import Phase
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float
 from ..common.units import Units
-from ..elements import Bearings, Springs
+from ..elements import GroundContacts, Springs
 from ..elements.beam_element import BeamElement
 from ..elements.element import Element
 from ..elements.straight import Straight
@@ -167,7 +167,7 @@ def _further_properties(group, units):
         parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
-    if isinstance(spring := group, Springs | Bearings):
+    if isinstance(spring := group, Springs | GroundContacts):
         parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
 

@@ -10,7 +10,7 @@ from ..analysis.activation import Activation
 from ..analysis.phases import Phase, all_phase_inputs
 from ..common.types import Int
 from ..common.units import Units
-from ..elements.abilities import PHASE_INPUTS, Sagging, accepted_inputs
+from ..elements.abilities import PHASE_INPUTS, Hanging, accepted_inputs
 from ..elements.phase_input import InputValues
 from ..loads import as_list
 from ..model.result_parts import named_groups_of
@@ -26,7 +26,7 @@ def describe_phase_inputs(
     Groups without values are named, too, if `name_others`. Numbers are in `units`, None for SI.
     """
     stated = phase.inputs(structure)
-    hangs = any(isinstance(group, Sagging) for group in structure.groups)
+    hangs = any(isinstance(group, Hanging) for group in structure.groups)
     lines = []
     for name in all_phase_inputs(phase):
         jacked = hangs and name in ("end_tension", "jacking")

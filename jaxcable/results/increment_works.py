@@ -289,7 +289,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
     """
     states, along = points.states[k], points.element_loads[k]
 
-    def of_increment(indices):
+    def for_increment(indices):
         from_length, from_motion, from_memory = indices
         state, load = (
             _entry_of_all_arrays(states, from_length),
@@ -299,7 +299,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
         state = state if load is None else _with_element_loads(state, load)
         return _group_energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
-    return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
+    return lax.map(for_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
 
 
 def _entry_of_all_arrays(tree, k):

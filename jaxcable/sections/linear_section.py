@@ -42,7 +42,7 @@ class SectionStiffness:
         """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
         return (Elastic(self.matrix[0, 0]),)
 
-    def axial(self) -> tuple[Float[Array, ""], Law]:
+    def uniaxial(self) -> tuple[Float[Array, ""], Law]:
         """Return an area of 1 m2, and the linear law that over it has the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
@@ -129,7 +129,7 @@ class LinearSection:
         """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
         return (Elastic(self.EA),)
 
-    def axial(self) -> tuple[Float[Array, ""], Law]:
+    def uniaxial(self) -> tuple[Float[Array, ""], Law]:
         """Return an area of 1 m2, and the linear law that over it has the axial stiffness."""
         return jnp.ones_like(jnp.asarray(self.EA)), *self.laws
 

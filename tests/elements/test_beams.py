@@ -205,7 +205,9 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     def lowest(force):
         load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
         solution = jc.solve(structure, [jc.Phase(loads=load)])
-        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0], solution.status
+        return jnp.linalg.eigvalsh(jc.stiffness.tangent_stiffness(structure, solution))[
+            0
+        ], solution.status
 
     euler = np.pi**2 * EI / length**2
     low, high = 0.9 * euler, 1.1 * euler

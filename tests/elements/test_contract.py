@@ -20,7 +20,7 @@ from jaxcable.elements.phase_input import PhaseInput
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
 
 
-@pytest.mark.quick_cases("Bearings", "Contacts", "SlidingCables")
+@pytest.mark.quick_cases("GroundContacts", "Contacts", "SlidingCables")
 @pytest.mark.parametrize(
     "group",
     [
@@ -39,7 +39,7 @@ NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0,
         jc.Cables([[0, 1]], axial_stiffness=1e3, rest_length=0.9),
         jc.Contacts([[0, 1]], axial_stiffness=1e3, gap=-0.1),
         jc.Springs([1, 2], (3.0, 2.0, 5.0), (4.0, 7.0, 1.0), preload=(1.0, 2.0, 3.0)),
-        jc.Bearings([1, 2], 5.0, (1.0, 2.0, 3.0), gap=-0.1),
+        jc.GroundContacts([1, 2], 5.0, (1.0, 2.0, 3.0), gap=-0.1),
     ],
     ids=lambda g: type(g).__name__,
 )
@@ -52,7 +52,7 @@ def test_what_does_not_keep_the_contract_is_told():
     with pytest.raises(ValueError, match="energy: the end forces are not its gradient") as raised:
         check(Lying([[0, 1]], 10.0, 3.0), NODES)
     assert raised.match(r"Lying: symmetric: its tangent is not .* symmetric = F")
-    with pytest.raises(ValueError, match="Jacks: Jacked: its state needs a field `jack_force`"):
+    with pytest.raises(ValueError, match="Jacks: Jackable: its state needs a field `jack_force`"):
         check(Jacks([[0, 1]], 1e3), NODES)
 
     class Careless(Brittle):
@@ -73,7 +73,7 @@ def test_a_state_without_the_field_of_a_statement_is_refused():
         jc.solve(structure, jc.Phase(jacking=10.0))
     with pytest.raises(TypeError, match=r"abstract method '?tension"):
 
-        class Untold(abilities.Jacked):
+        class Untold(abilities.Jackable):
             start = apply_phase_inputs = lock_off = end_forces = energy = None
 
         Untold()

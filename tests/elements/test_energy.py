@@ -123,7 +123,7 @@ def system(name, held=False):
         still = np.tile([1.0, 0, 0, 0], (count, 1))
         held_at = jnp.concatenate([held_at, still], axis=1)
     kind = space_of([group])
-    space = kind.of(nodes, [group], dof_map, held_at, None)
+    space = kind.build(nodes, [group], dof_map, held_at, None)
     if group.rotates:
         size = 0.3 * space.rotation_length
     load = kind.pad_moments(jnp.asarray(load))  # without moments, which have no potential

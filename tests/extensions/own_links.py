@@ -11,7 +11,7 @@ from jaxcable.extend import (
     Element,
     ElementState,
     Indices,
-    Jacked,
+    Jackable,
     copy_with,
     floats_per_element,
     pytree,
@@ -119,7 +119,7 @@ class Brittle(Joined):
 
 
 @pytree(indices=("links",))
-class Jacks(Brittle, Jacked):
+class Jacks(Brittle, Jackable):
     """Says that it can be jacked, and has a state without a jack force."""
 
     phase_inputs = ("jacking",)

@@ -47,7 +47,7 @@ POWERS = {  # of force, length and temperature, of fields of scene files
     **dict.fromkeys(("roughness_length", "reference_height"), (0, 1, 0)),
     **dict.fromkeys(("velocity", "velocities", "gravity"), (0, 1, 0)),  # per s, per s2
     **{"pressures": (1, -2, 0), "Crowd.forces": (1, -1, 0), "density": (0, -3, 0)},
-    **dict.fromkeys(("Springs.stiffness", "Bearings.stiffness"), (1, -1, 0)),
+    **dict.fromkeys(("Springs.stiffness", "GroundContacts.stiffness"), (1, -1, 0)),
     **{"rotational_stiffness": (1, 1, 0), "preload": (1, 0, 0), "Parallel.spring": (-1, 2, 0)},
 }
 PLAIN = {"axes", "prestrain", "up", "factor", "axis", "direction", "rotations", "parameters"}
@@ -143,7 +143,7 @@ def blown():
         "mast": jc.Beams([[0, 1], [1, 2]], section=section, weight=900.0),
         "guys": jc.Catenaries([[3, 2], [4, 2], [5, 2]], axial_stiffness=2e7, weight=12.0),
         "soil": jc.Springs([0], 5e8, rotational_stiffness=2e7, preload=(0.0, 0.0, 4e4)),
-        "bearing": jc.Bearings([0], 2e8, gap=0.001),
+        "bearing": jc.GroundContacts([0], 2e8, gap=0.001),
     }
     structure = jc.Structure(nodes, elements, jc.pinned([3, 4, 5]))
     storm = jc.EurocodeWind(24.0, roughness_length=0.06, lowest_height=3.0)
