@@ -237,7 +237,7 @@ def _insert_strains(values, elements, m, part):
 
 @as_program
 def _at_indices(values, chosen):
-    """Return ``values[chosen]``, the values of elements with the indices `chosen`."""
+    """Return ``values[chosen]``, the values of elements with the indices `chosen`, [n]."""
     return values[chosen]
 
 

@@ -169,9 +169,10 @@ def element_shapes(
 
 @as_program
 def _shapes_by_group(groups, positions, *parts):
-    """Return what `element_shapes` does; `parts` are results of elements, a list per group each.
+    """Return pairs of `ElementShapes` and which elements are active, [n_elem] bool, by group.
 
-    These are forces, whether elements are there, and unstressed lengths.
+    `parts` are results of elements, a list per group each: forces, whether elements are there, and
+    unstressed lengths.
     """
     found = []
     for group, pull, there, length in zip(groups, *parts, strict=True):

@@ -40,7 +40,7 @@ class ConvergedPoints(NamedTuple):
 
 
 class PhaseOutcome(NamedTuple):
-    """What a phase ends with; an increment is called good if it has converged.
+    """Outcome of one phase; an increment is called good if it has converged.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.

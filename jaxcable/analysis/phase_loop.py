@@ -183,7 +183,7 @@ def _split_bundles(bundles, part, axis=0):
 
 @pytree
 class _LoopState:
-    """What the loop over the phases hands from one phase to the next.
+    """State of the loop over the phases between two phases.
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.

@@ -188,7 +188,7 @@ def without_extra_rows(structure: Structure, part: Part, per_node: Sequence[str]
 
 
 def as_user_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:
-    """Return the solution for the user: results in the shape of `elements`, topology put back.
+    """Return the solution for the user: results in the shape of `elements`, node numbers restored.
 
     Args:
         structure: `Structure`.

@@ -297,7 +297,7 @@ class CableFatigue(_OnCables):
         }
 
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
-        """Return the tension, N, as "utilization", and the area, m2, [n_item] each, of one case.
+        """Return the tension, N, under the name "utilization", and the area, m2, [n_item] each.
 
         A range needs all cases: `governing_terms` replaces the tension by the utilization.
         """

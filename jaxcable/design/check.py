@@ -144,7 +144,7 @@ class OnElements(Check):
 
     @abc.abstractmethod
     def applies_to(self, group: Element) -> bool:
-        """Return whether the check can be made for the elements of a group."""
+        """Return whether a group is of a kind that the check concerns, such as cables."""
 
     def checked_elements(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
         """Return pairs: index of a group, and indices of the elements of it that are checked.

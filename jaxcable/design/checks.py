@@ -30,7 +30,7 @@ RULES = {
 
 @pytree(static=("name", "of", "clause", "formula", "inputs", "not_covered", "items", "units"))
 class CheckResult:
-    """What a check has found: utilizations, and the terms of the cases that govern.
+    """Result of one check: utilizations, and forces and resistances in the governing cases.
 
     Attributes:
         utilization: largest one of each item over the cases that count, [n_item], -; NaN where all

@@ -46,7 +46,8 @@ class StraightSegments(NamedTuple):
     Attributes:
         cable: the element: `force` by strain, not negative, and `strain_at`, its inverse.
         length: present lengths, [n], m; 0 for segments that only fill up a shorter chain.
-        excess: present length minus unstressed length, if nothing slips in this increment, [n], m.
+        no_slip_elongation: present minus unstressed length if nothing slips in this increment,
+            [n], m.
         bound: largest logarithm of the ratio of successive tensions, [n - 1]; infinite at a clamp,
             zero beside segments that only fill up.
         jack: tension of the first segment, N, which then takes any unstressed length, and whether
@@ -55,7 +56,7 @@ class StraightSegments(NamedTuple):
 
     cable: TensionOnly
     length: Float[Array, " n"]
-    excess: Float[Array, " n"]
+    no_slip_elongation: Float[Array, " n"]
     bound: Float[Array, " n_deviator"]
     jack: tuple[Float[Array, ""], Bool[ArrayLike, ""]] | None
 
@@ -149,7 +150,7 @@ def elongations_and_rates(
 
 def _missing_elongation(segments, tension):
     """Return by how much each segment lacks unstressed length for its tension, [n], m."""
-    return jnp.where(tension > 0, segments.excess - elongations(segments, tension), 0.0)
+    return jnp.where(tension > 0, segments.no_slip_elongation - elongations(segments, tension), 0.0)
 
 
 def _connected_by_slips(sign):
@@ -193,8 +194,8 @@ def _find_tensions_and_slips(segments):
     """Return the tensions of all segments, [n], N, and the signs of the slips, [n - 1]."""
     zero = jnp.zeros_like(segments.length)
     n, dtype = len(zero), zero.dtype
-    unstressed = segments.length - segments.excess
-    strain = segments.excess / jnp.where(unstressed > 0, unstressed, 1.0)
+    unstressed = segments.length - segments.no_slip_elongation
+    strain = segments.no_slip_elongation / jnp.where(unstressed > 0, unstressed, 1.0)
     strain = jnp.where(unstressed <= 0, 1.0, strain)  # as an end of a bracket only
     stuck = jnp.where(segments.length > 0, jnp.maximum(segments.cable.force(strain), 0.0), 0.0)
     # infinite at clamps, where comparisons with it are false even if a tension is zero
@@ -231,7 +232,7 @@ def _find_tensions_and_slips(segments):
 
     _, (tension, sign) = lax.scan(go_back, best[-1], (best[:-1], growth), reverse=True)
     # comparisons with NaN are false: they would pass for a cable that sticks
-    given = jnp.sum(segments.excess) + jnp.sum(jnp.minimum(segments.bound, _CLAMPED))
+    given = jnp.sum(segments.no_slip_elongation) + jnp.sum(jnp.minimum(segments.bound, _CLAMPED))
     return jnp.where(jnp.isnan(given), given, jnp.concatenate([tension, best[-1:]])), sign
 
 
@@ -300,5 +301,5 @@ def _length_mismatch_and_rate(segments, growth, best, i, tension):
     )
     counts = counts & (jnp.arange(n) <= i)
     stretched, rate = elongations_and_rates(segments, tensions)
-    mismatch = jnp.sum(jnp.where(counts, stretched - segments.excess, 0.0))
+    mismatch = jnp.sum(jnp.where(counts, stretched - segments.no_slip_elongation, 0.0))
     return mismatch, jnp.sum(jnp.where(counts, shares * rate, 0.0))

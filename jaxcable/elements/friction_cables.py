@@ -122,6 +122,7 @@ class FrictionCables(SlidingCables):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
     def _floats_per_element(self, name):
+        """Return a field with a value for each cable, or for each deviator of each, as floats."""
         if name not in ("friction", "axle_friction") or getattr(self, name) is None:
             return super()._floats_per_element(name)
         count, width = index_array(self.links).shape
@@ -174,9 +175,9 @@ class FrictionCables(SlidingCables):
         state = super().state_at_activation(state, ends, motion)
         change, before, length = segment_length_changes(ends, motion)
         share, now = before / jnp.sum(before), length / jnp.sum(length)
-        # by how much the excess of length of a segment would differ from its share of the whole
-        excess = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
-        slip, none = jnp.cumsum(excess)[:-1], jnp.zeros_like(state.fed_length)
+        # by how much the elongation of a segment would differ from its share of the whole
+        elongation = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
+        slip, none = jnp.cumsum(elongation)[:-1], jnp.zeros_like(state.fed_length)
         return copy_with(state, initial_slip=slip, fed_length=none)
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
@@ -245,13 +246,13 @@ class FrictionCables(SlidingCables):
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         stretched = elongations_and_rates(segments, found.tension)[0]
-        fed_length = segments.excess[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
-        fed_length = jnp.where(self._jack(state)[1], fed_length, 0.0)
+        fed = segments.no_slip_elongation[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
+        fed = jnp.where(self._jack(state)[1], fed, 0.0)
         return copy_with(
             state,
-            rest_length=state.rest_length + fed_length,
-            elongation=state.elongation - fed_length,
-            fed_length=state.fed_length + fed_length,
+            rest_length=state.rest_length + fed,
+            elongation=state.elongation - fed,
+            fed_length=state.fed_length + fed,
             jack_force=None,
             jacked=None,
         )
@@ -268,14 +269,14 @@ class FrictionCables(SlidingCables):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         change, before, length = segment_length_changes(ends, motion)
         slip = jnp.pad(state.memory * _thermal_stretch(state) + state.initial_slip, 1)
-        excess = before / jnp.sum(before) * (state.elongation + state.fed_length)
-        excess = excess + change + slip[1:] - slip[:-1]
-        excess = excess.at[0].add(-state.fed_length)
+        elongation = before / jnp.sum(before) * (state.elongation + state.fed_length)
+        elongation = elongation + change + slip[1:] - slip[:-1]
+        elongation = elongation.at[0].add(-state.fed_length)
         is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
         bound = self._friction_bound(ends, motion)
         bound = jnp.where(state.clamped > 0, jnp.inf, bound)
         bound = jnp.where(is_filler, 0.0, bound)
-        segments = StraightSegments(self, length, excess, bound, self._jack(state))
+        segments = StraightSegments(self, length, elongation, bound, self._jack(state))
         return segments, segment_tensions(segments)
 
     def _friction_bound(self, ends, motion):

@@ -24,10 +24,10 @@ class FrictionState(AxialState):
 
     Attributes:
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
-        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
-            it is in the first segment, and not in all segments alike, [n_elem], m.
-        laid: unstressed length beyond each deviator that a cable has there more than in the initial
-            position, because it was added where the nodes were then, [n_elem, n_deviator], m.
+        fed_length: unstressed length fed in at the first end, where a jack or a shortening acts: it
+            is in the first segment only, [n_elem], m; negative where the cable is pulled out.
+        initial_slip: slip over each deviator with which a cable was added to the displaced nodes,
+            relative to the initial nodes, towards the next segment, [n_elem, n_deviator], m.
     """
 
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given

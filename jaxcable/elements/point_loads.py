@@ -169,7 +169,7 @@ class SpanLoads:
 
 
 class SpanLoadForces(NamedTuple):
-    """What concentrated loads add to the forces of an element.
+    """Contributions of concentrated loads to the forces of an element.
 
     Attributes:
         first, second: to the moments on the ends about y and z, [2], N m.

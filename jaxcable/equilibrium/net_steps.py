@@ -48,7 +48,7 @@ class NetStrategy:
 
 
 class NetSteps(StepMethod):
-    """The method of nets of cables."""
+    """Steps of the iteration in cable nets: of displacements and tensions."""
 
     farthest = 1e4  # mixed steps of anchored nets end at a part of it
 
@@ -135,7 +135,10 @@ class NetSteps(StepMethod):
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
-        """Make the next step, of displacements and tensions."""
+        """Make the next step of displacements and tensions: Newton or interior-point method.
+
+        Arguments are those of `StepMethod.make_step`.
+        """
         system, point = self.system, state.point
         given = system, point.x, point.elements, point.residual, self.length
         equations = state.strategy.unknowns.step_equations(*given)

@@ -23,7 +23,7 @@ _NAMES = ("tension", "stress", "force_density", "length")
 
 @pytree(static=("sought",))
 class PrescribedValues:
-    """What is prescribed of the elements in a form, in lists with an item for each group.
+    """Prescribed forces, force densities and lengths of a form, lists with an item for each group.
 
     Of a group either all elements have a prescribed value or none: then its items are None, and the
     group keeps its own law.

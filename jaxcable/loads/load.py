@@ -117,7 +117,7 @@ class OnNodes(Load):
 
 
 class PrescribedMovement(Load):
-    """Base of prescribed movements of supports."""
+    """Base of prescribed movements of supports: displacements, m, and rotations, rad."""
 
     @abc.abstractmethod
     def check_supported(self, fixed: FixedDofs) -> None:
@@ -129,7 +129,7 @@ class PrescribedMovement(Load):
 
 
 class PersistentLoad(Load):
-    """Base of loads on elements or faces, which go on acting in later phases."""
+    """Base of loads on elements or faces, which go on acting in all later phases."""
 
     @property
     def needs_begin_nodes(self) -> bool:
@@ -221,7 +221,7 @@ class ForceOnlyLoad(DeadLoad):
 
 
 class LoadPerGeometry(DeadLoad):
-    """Base of dead loads per length or area, which are those of a certain geometry.
+    """Base of dead loads per length or area, which are measured in a certain geometry.
 
     Attributes:
         geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the

@@ -29,7 +29,7 @@ Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
 
 
 class ActivatedElements(NamedTuple):
-    """What activation and deactivation make of a structure.
+    """State of a structure after elements have been activated and deactivated.
 
     Attributes:
         motion: motion of all rows after it.

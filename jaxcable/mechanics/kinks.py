@@ -41,7 +41,7 @@ _SLACKENING = 1e-3
 
 
 class SlackenedElements(NamedTuple):
-    """What happens to elements at their kinks, for derivatives.
+    """Elements that are just taut or just touching, where derivatives are those of one side or NaN.
 
     Attributes:
         released: which elements loose nodes can slacken, [n_elem] bool for each group, or None.

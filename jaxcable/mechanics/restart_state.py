@@ -17,7 +17,7 @@ from .load_stacks import LoadStack, dead_load, element_load
 
 @pytree
 class RestartState:
-    """What a phase hands to the next one, and from which another analysis can continue.
+    """State of a structure after a phase, from which the next one or another analysis continues.
 
     Attributes:
         motion: motion of all nodes (rows) from the initial nodes, [n_row, n_motion]; see `spaces`.

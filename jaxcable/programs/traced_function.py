@@ -81,7 +81,7 @@ class TracedFunction:
 
 
 def _as_key(x, variable):
-    """Return an array for a variable of a jaxpr; for a random key `x` may be the key's data."""
+    """Return `x` with the type of a variable of a jaxpr: raw data of a random key become a key."""
     dtype = variable.aval.dtype
     if not jax.dtypes.issubdtype(dtype, jax.dtypes.prng_key) or x.dtype == dtype:
         return x

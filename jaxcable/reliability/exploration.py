@@ -56,7 +56,7 @@ class DesignPoint(NamedTuple):
 
 
 class ExplorationOutcome(NamedTuple):
-    """What is known of a limit state after the search for all its design points.
+    """Result of the search for all design points of one limit state.
 
     Attributes:
         status, iterations, evaluations, failures, distance, misalignment: as of `FirstOrder`.

@@ -39,7 +39,7 @@ class SectionStiffness:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
+        """Linear law of an area of 1 m2 that has the axial stiffness EA; a tuple of one."""
         return (Elastic(self.matrix[0, 0]),)
 
     def uniaxial(self) -> tuple[Float[Array, ""], Law]:
@@ -126,7 +126,7 @@ class LinearSection:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
+        """Linear law of an area of 1 m2 that has the axial stiffness EA; a tuple of one."""
         return (Elastic(self.EA),)
 
     def uniaxial(self) -> tuple[Float[Array, ""], Law]:

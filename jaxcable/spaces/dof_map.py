@@ -35,7 +35,7 @@ _DENSE_MATRICES = 4
 
 
 class MotionRows:
-    """What has a motion of its own: nodes, then further rows such as hinged ends of beams.
+    """Rows of motion: nodes, then what moves on its own, such as hinged ends of beams.
 
     Hashable, for caches.
 

@@ -36,7 +36,7 @@ Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | SparseMatrix'
 
 
 class ElementGroup(Protocol):
-    """What a space needs to know of a group of elements: links, rotations of nodes, lengths."""
+    """Protocol of a group of elements in a space: links, rotations of nodes, lengths."""
 
     links: Int[ArrayLike, "n_elem n_end"]
     rotates: bool

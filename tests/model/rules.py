@@ -263,14 +263,14 @@ def prestressed(v):
 
 def scattered_by(name, kind=jc.reliability.Normal, **others):
     """A value of a distribution."""
-    return lambda v: kind(**{"mean": 2.0, name: v, **others}).value_at(1.0)
+    return lambda v: kind(**{"mean": 2.0, name: v, **others}).value_at_normal(1.0)
 
 
 def correlated(v):
     normal = jc.reliability.Normal(0.0, 1.0)
     matrix = np.eye(2) + v * np.array([[0.0, 1.0], [1.0, 0.0]])
     own = jc.reliability.Quantities({"a": normal, "b": normal}, matrix)
-    return own.values_at(jnp.ones(2))["b"]
+    return own.values_at_normals(jnp.ones(2))["b"]
 
 
 def tolerated(v):
