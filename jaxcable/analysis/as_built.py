@@ -273,7 +273,7 @@ def _guess_log_lengths(structure, stated):
     for one in stated:
         cables = structure.groups[one.group]
         if not isinstance(cables, Hanging):
-            parts.append(_lengths_of_straight(cables, one.elements, one.values))
+            parts.append(_straight_unstressed_lengths(cables, one.elements, one.values))
             continue
         chord, span, stiffness, weight = _hanging_parameters(structure, cables, one.elements)
         tension = one.values
@@ -288,7 +288,7 @@ def _guess_log_lengths(structure, stated):
 
 
 @as_program
-def _lengths_of_straight(group, elements, tension):
+def _straight_unstressed_lengths(group, elements, tension):
     """Return the logarithm of unstressed length over length under a `tension`, N, [n]."""
     every = jnp.zeros(len(group.links), tension.dtype).at[elements].set(tension)
     strain = call_each_element("strain_at", group, every, group.initial_memory())

@@ -20,7 +20,7 @@ from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState
 from ..numerics import implicit
 from ..numerics.implicit_root import with_deferred_derivative
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.translations import append_low_part, drop_low_part, has_low_part
 from .phase_results import LOG_COLUMNS, Path
 from .results import fields_of_element_results
@@ -114,7 +114,7 @@ def run_phase(
     valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
     restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
     path, counts = _make_path(outputs, xs[..., :3], good, good | ~live)
-    motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
+    motion = space_class(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
     if not isinstance(method, Newton):

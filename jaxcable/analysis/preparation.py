@@ -31,7 +31,7 @@ from ..model.structure import Structure, position_rules
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
 from ..programs.program_calls import as_program
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import make_dof_map, with_assembly_maps
 from .absent_elements import refuse_absent_elements, warn_of_idle_loads
 from .activation import attached_placement_mask, make_activation
@@ -47,7 +47,7 @@ from .phase_checks import (
 from .phase_inputs import depends_on_weight, end_tensions_as_jacking
 from .phases import Phase, as_phases
 from .prestress_rules import phase_inputs_keep_rules
-from .schedule import Schedule, number_phases, stack_nodal_loads, stack_phase_inputs
+from .schedule import Schedule, number_unknowns_by_phase, stack_nodal_loads, stack_phase_inputs
 from .solution import Solution, State
 
 AnalysisInput: TypeAlias = (
@@ -111,7 +111,7 @@ def prepare(
     plausibility.warn_of_lost_precision(structure.nodes)
     restart, code, fixed = _starting_point(structure, start)
     rows, groups = structure.motion_rows()
-    bundles = _bundles_of(structure)
+    bundles = _make_bundles(structure)
     sets = check_supports(structure, phases, fixed, earlier)
     loads = [
         check_loads(structure, phase, held, f"phases[{earlier + k}]")
@@ -143,8 +143,8 @@ def prepare(
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     if restart is None:
         warn_of_free_ends(structure, phases, sets)
-    dof_map, changes, before = number_phases(sets, numbered, idle)
-    nodes = structure.nodes if rows is None else _take_rows(structure.nodes, rows.node_of_row)
+    dof_map, changes, before = number_unknowns_by_phase(sets, numbered, idle)
+    nodes = structure.nodes if rows is None else _select_rows(structure.nodes, rows.node_of_row)
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
@@ -173,7 +173,7 @@ def prepare(
 
 
 @as_program
-def _take_rows(nodes, rows):
+def _select_rows(nodes, rows):
     """Return ``nodes[rows]``, [n_row, 3], m.
 
     It is a program, since XLA would compile each operation of its derivative.
@@ -200,7 +200,7 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlie
 
 
 @computed_once
-def _bundles_of(structure):
+def _make_bundles(structure):
     """Return which groups of a structure are evaluated together; numbers do not matter."""
     return Bundles.from_groups(structure.motion_rows()[1])
 
@@ -280,7 +280,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
         states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
         restart = copy_with(restart, states=states)
     if restart.support_rotation is None and schedule.dof_map.axes is not None:
-        restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
+        restart = copy_with(restart, support_rotation=space_class(groups).rotations(restart.motion))
     begun = nodes + restart.motion[:, :3]
     loads = [*restart.loads, *(stack.before_phases(begun) for stack in schedule.loads)]
     loads = loads if bundles.are_groups else [stack.on_bundles(bundles) for stack in loads]

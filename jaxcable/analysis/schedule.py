@@ -145,7 +145,7 @@ def stack_nodal_loads(
     zero = np.zeros(shape, dtype)
 
     def total(some):
-        arrays = [_array_of_load(load, method, zero) for load, own in some if own is None]
+        arrays = [_load_array(load, method, zero) for load, own in some if own is None]
         return functools.reduce(operator.add, arrays) if arrays else zero
 
     sums = [total(some) for some in loads]
@@ -155,7 +155,7 @@ def stack_nodal_loads(
         return NodalIncrement(stack_trees(sums))
     values, amplitudes = [], []
     for proportional, some in zip(sums, varying, strict=True):
-        arrays = [_array_of_load(load, method, zero) for load, _ in some]
+        arrays = [_load_array(load, method, zero) for load, _ in some]
         padding = most - len(some)  # with loads of zero
         values.append(stack_trees([proportional, *arrays, *[zero] * padding]))
         amplitudes += [None, *(own for _, own in some), *[None] * padding]
@@ -165,7 +165,7 @@ def stack_nodal_loads(
     )
 
 
-def _array_of_load(load, method, zero):
+def _load_array(load, method, zero):
     """Return the array that a `method` of a load, by its name, gives in shape and dtype of `zero`.
 
     ValueError, which names load and method, if an index of the load is out of range.
@@ -179,7 +179,7 @@ def _array_of_load(load, method, zero):
         ) from error
 
 
-def number_phases(
+def number_unknowns_by_phase(
     sets: Sequence[FixedDofs],
     numbered: Callable[[FixedDofs], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,

@@ -17,7 +17,7 @@ from .as_built import topples_under_jacks, with_lengths_as_built
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import attach_recalled_derivative, known_arguments
+from .recalled_derivative import arguments_if_known, attach_recalled_derivative
 from .solution import Solution, State
 from .states import as_user_solution
 
@@ -94,7 +94,7 @@ def solve(
         task = task._replace(code=_first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
-    known = known_arguments(core) if iterates else None
+    known = arguments_if_known(core) if iterates else None
     solution, points = analyse(
         *(known or core),
         differentiate_path=differentiate_path,

@@ -208,7 +208,7 @@ def _definition_parts(value) -> Iterator[Any]:
     """
     if isinstance(value, types.ModuleType):
         yield value.__name__  # attributes are parts of the functions that read them
-    elif isinstance(value, types.FunctionType | type) and is_of_library(value.__module__):
+    elif isinstance(value, types.FunctionType | type) and is_library_module(value.__module__):
         package = sys.modules.get((value.__module__ or "").partition(".")[0])
         yield from (value.__module__, value.__qualname__, getattr(package, "__version__", ""))
     elif isinstance(value, types.FunctionType):
@@ -278,11 +278,11 @@ def _global_names_and_values(names, space, seen):
         value = space[name]
         yield from (name, value)
         if isinstance(value, types.ModuleType) and value.__name__ not in seen:
-            if not is_of_library(value.__name__):
+            if not is_library_module(value.__name__):
                 yield from _global_names_and_values(names, vars(value), seen | {value.__name__})
 
 
-def is_of_library(module: str | None) -> bool:
+def is_library_module(module: str | None) -> bool:
     """Tell whether a module is Python's, of this package, or of an installed library.
 
     Libraries may be installed in several places: by Debian, or on a cluster by `PYTHONPATH`.

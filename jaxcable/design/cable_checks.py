@@ -169,19 +169,19 @@ class CableService(_OnCables):
         if isinstance(self.fraction, str):
             checks.require_one_of(self.fraction, "fraction", list(SERVICE_FRACTIONS))
 
-    def _limit_ratio(self):
+    def _service_limit_ratio(self):
         """Return the limit of the force in service over the breaking force, -."""
         given = self.fraction
         return SERVICE_FRACTIONS[given] if isinstance(given, str) else given
 
     def inputs(self) -> dict[str, Any]:
         """Return the factors and forces that the user gave, by the labels that a report shows."""
-        return {"fraction": self._limit_ratio(), "k_e": _named_factor(self.termination)}
+        return {"fraction": self._service_limit_ratio(), "k_e": _named_factor(self.termination)}
 
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, breaking force and service limit, N, and the utilization, [n_item] each."""
         factor = termination_factor(self.termination)
-        limit = self._limit_ratio() * factor * self.strengths(structure)
+        limit = self._service_limit_ratio() * factor * self.strengths(structure)
         return self._rating(structure, solution, limit, factor)
 
 

@@ -266,7 +266,7 @@ EN 1993-1-11:2006, 7.2
     values = _values_of_checks(made, counted, structure, solutions)
     of = [tuple(one.of) if combinations is not None else () for one in made]
     parts = zip(made, of, counted, values, strict=True)
-    results = [_result_of_check(*one, structure) for one in parts]
+    results = [_check_result(*one, structure) for one in parts]
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
@@ -371,7 +371,7 @@ def _values_of_checks(made, counted, structure, solutions):
     ]
 
 
-def _result_of_check(check, of, counted, values, structure):
+def _check_result(check, of, counted, values, structure):
     """Return the `CheckResult` of one check; `values` is its entry of `_values_of_checks`."""
     found, (which, second), every = values
     used = found.pop(UTILIZATION)

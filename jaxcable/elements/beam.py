@@ -281,7 +281,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
             return None
         return self.hinges.array.all(axis=2)
 
-    def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
+    def element_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
         """Return the axes of all elements at initial positions [n_node, 3], m: [n_elem, 3, 3].
 
         Rows are the unit vectors along the element, and of the section's y and z.
@@ -289,7 +289,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
         Example:
             >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
             >>> beam = jc.Beams([[0, 1]], section=section)
-            >>> print(beam.axes_of(np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))[0].round(6))
+            >>> print(beam.element_axes(np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))[0].round(6))
             [[ 0.  1.  0.]
              [-1.  0.  0.]
              [ 0.  0.  1.]]
@@ -299,7 +299,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
 
     def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """Return the group with `up` given, so that its axes stay those at initial positions, m."""
-        return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
+        return self if self.up is not None else replace(self, up=self.element_axes(nodes)[:, 2])
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only

@@ -56,7 +56,7 @@ class SpringState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
 
 
-class OnGround(RoundingEstimate):
+class GroundElement(RoundingEstimate):
     """Elements of one node that join it to the ground; a base class of springs and bearings."""
 
     def spring_force(self, state: SpringState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
@@ -78,7 +78,7 @@ class OnGround(RoundingEstimate):
 
 
 @pytree(indices=("links",))
-class Springs(OnGround):
+class Springs(GroundElement):
     """A group of linear springs from nodes to the ground, along and about fixed axes.
 
     The ground pulls a displaced node back with ``-K u``; with `rotational_stiffness` it turns it
@@ -222,7 +222,7 @@ class Springs(OnGround):
 
 
 @pytree(indices=("links",))
-class GroundContacts(OnGround):
+class GroundContacts(GroundElement):
     """A group of unilateral contacts of nodes with the ground, such as bearings that can lift off.
 
     The ground presses a node along `normal` with ``k d``, where d is the depth by which the node

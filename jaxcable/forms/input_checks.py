@@ -20,7 +20,7 @@ from ..loads import NodalLoads, SelfWeight, as_list
 from ..loads.load import Load
 from ..mechanics.assembly import System
 from ..model.plausibility import NamedGroups, issues_warnings
-from ..model.result_parts import named_groups_of, path_of_group
+from ..model.result_parts import group_path, named_groups_of
 from ..model.structure import Structure, position_rules
 from ..spaces import Translations
 from ..spaces.dof_map import DofMap
@@ -154,7 +154,7 @@ def require_single_input(
         if not wrong.any():
             continue
         e = int(wrong.argmax())
-        where = f"element {e} of {path_of_group(structure, k)}"
+        where = f"element {e} of {group_path(structure, k)}"
         if not count[e]:
             raise ValueError(f"{names[0]}: {where} {missing}")
         twice = ", ".join(name for name, mask in zip(names, masks, strict=True) if mask[e])

@@ -16,7 +16,7 @@ from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..common.units import SI, Units
 from ..elements.element_state import ElementState
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..programs.joining import add_to_zeros
 from .load import Bundles, OnEveryNode, PersistentLoad
@@ -79,7 +79,7 @@ class OnGroups(PersistentLoad):
                 f"elements: on = {self.on!r} means {len(numbers)} groups; give on=... the group "
                 "that has these elements"
             )
-        label = f"elements of {path_of_group(structure, numbers[0])}"
+        label = f"elements of {group_path(structure, numbers[0])}"
         return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
     def _check_value_shape(self, count: int | None = None) -> None:
@@ -104,7 +104,7 @@ class OnGroups(PersistentLoad):
         name, one = self.varies  # type: ignore[misc]
         for number in numbers:
             count = len(structure.groups[number].links)
-            hint = f"; {path_of_group(structure, number)} has {count} elements"
+            hint = f"; {group_path(structure, number)} has {count} elements"
             checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def with_group_indices(self, structure: Structure) -> Self:

@@ -11,7 +11,7 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
 from .along import AlongElements, require_known_geometry
@@ -137,7 +137,7 @@ class LineLoads(AlongElements, LoadPerGeometry):
         count = len(structure.groups[lengthy[0]].links)
         index = np.arange(count) if mask is None else self.elements.elements.array
         if len(index) != self._n_value:
-            path = path_of_group(structure, lengthy[0])
+            path = group_path(structure, lengthy[0])
             chosen = "" if mask is None else f" {len(index)} chosen of"
             raise ValueError(
                 f"{name}: has values for {self._n_value} elements; {path} has{chosen} {count}"

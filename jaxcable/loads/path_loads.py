@@ -11,7 +11,7 @@ from ..common import checks
 from ..common.rules import Rule, not_negative, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .groups import Key, scatter_to_elements
 from .points import ActingPoints, WithinElements
@@ -72,7 +72,7 @@ def path_along_elements(
             message begins with `name`.
     """
     elements = np.asarray(path)
-    own, where = structure.groups[group], path_of_group(structure, group)
+    own, where = structure.groups[group], group_path(structure, group)
     links = own.links.array[:, :2]
     unknown = elements >= len(links)
     if unknown.any():

@@ -18,7 +18,7 @@ from ..common.units import SI, Units
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import Element, OwnState
 from ..elements.element_state import ElementState
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .groups import Key, OnGroups, indices_of_groups, join_columns
 from .load import DeadLoad, Groups, OnEveryNode, PersistentLoad, Positions, States
@@ -40,7 +40,7 @@ class WithinElements(PersistentLoad):
         numbers = indices_of_groups(self.on, structure)
         beams = [n for n in numbers if POINT_LOADS in structure.groups[n].results]
         if self.on is not None and len(numbers) == 1 and not beams:
-            where, kind = path_of_group(structure, numbers[0]), type(structure.groups[numbers[0]])
+            where, kind = group_path(structure, numbers[0]), type(structure.groups[numbers[0]])
             hint = "; give it a node where the load acts, and `NodalLoads`"
             raise ValueError(
                 f"on = {self.on!r}: {where} ({kind.__name__}) takes no loads within its elements"
@@ -207,7 +207,7 @@ class PointLoads(WithinElements):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure lacks the group or an element, or they take no load."""
         number = self.group_index(structure)
-        group, path = structure.groups[number], path_of_group(structure, number)
+        group, path = structure.groups[number], group_path(structure, number)
         count = len(group.links)
         unknown = self.elements.array >= count
         if unknown.any():

@@ -20,7 +20,7 @@ from ..common.selection import Selection
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
@@ -143,13 +143,13 @@ class CablePressure(OnGroups, Pressure):
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
-                    f"on = {self.on!r}: {path_of_group(structure, number)} "
+                    f"on = {self.on!r}: {group_path(structure, number)} "
                     f"({type(group).__name__}) takes no pressure; only cables and bars of two "
                     "nodes, and beams do: name such a group by on"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(
-                    f'per = "unstressed": {path_of_group(structure, number)} '
+                    f'per = "unstressed": {group_path(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
         self._check_value_counts(structure, numbers)

@@ -24,7 +24,7 @@ from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
 from ..elements.phase_input import InputValues
 from ..loads.varying import Amplitude
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Motion
 from . import activation
@@ -47,7 +47,7 @@ class NodalIncrement:
     values: Float[ArrayLike, "... n_row n_freedom"]
     amplitude: Amplitude | None = None
 
-    def value_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
+    def added_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
         """Return the loads or movements that the phase has added at a load factor (`parameter`).
 
         They are [n_row, 3 or 6], in the units of `values`.
@@ -205,7 +205,7 @@ class LoadRamp:
         """Return nodal loads and remaining released forces at a load factor, [n_row, n_freedom]."""
         load = self.start.nodal_load
         if self.added_load is not None:
-            load = load + self.added_load.value_at(parameter)
+            load = load + self.added_load.added_at(parameter)
         if self.released is not None:
             load = load + (1 - parameter) * self.released
         return load
@@ -215,7 +215,7 @@ class LoadRamp:
         begin = self.start.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).motion_after_row_step(begin, self.moved.value_at(parameter))
+        return space_class(self.groups).motion_after_row_step(begin, self.moved.added_at(parameter))
 
     def system_at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """Return the equations of the structure, `System`, at a load factor (`parameter`)."""

@@ -16,7 +16,7 @@ from ..common.tree import Indices, computed_once, copy_with, index_array, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
-from ..spaces import Space, space_of
+from ..spaces import Space, space_class
 from ..spaces.dof_map import MotionRows
 from . import coordinate_precision, plausibility
 from .supports import FixedDofs, Supports
@@ -213,7 +213,7 @@ class Structure:
     @computed_once
     def space(self) -> type[Space]:
         """Class of `spaces` that moves nodes: `RotatingNodes` with beams, else `Translations`."""
-        return space_of(self.groups)
+        return space_class(self.groups)
 
     def nodes_with_elements(self) -> Bool[np.ndarray, " n_node"]:
         """Return which nodes are ends of elements, [n_node] bool."""

@@ -261,7 +261,7 @@ def restrained(
         along: displacements that are held, some of "xyz".
         about: rotations that are held, some of "xyz"; only nodes joined to a beam have rotations.
         axes: directions that replace x, y, z at these nodes, [3, 3] or [n, 3, 3], one in each row
-            of a matrix, at right angles (`Beams.axes_of` gives those of beams); or only the
+            of a matrix, at right angles (`Beams.element_axes` gives those of beams); or only the
             direction that replaces x, [3], if any two across it serve for y and z. They do not
             change while the structure moves. Default x, y, z.
 

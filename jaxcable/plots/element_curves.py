@@ -115,13 +115,13 @@ class SolutionCurves:
             lambda phase: self._sag_in_state(self.state_after_phase(phase))
         )
 
-    def of_state(self, state: State) -> Curves | None:
+    def at_state(self, state: State) -> Curves | None:
         """Return the curves in a `State`; None if no element is curved."""
         if self.straight:
             return None
         return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
-    def in_increment(self, phase: int, number: int) -> Curves | None:
+    def at_increment(self, phase: int, number: int) -> Curves | None:
         """Return the curves in converged increment `number` of a phase; None if none are curved.
 
         The sag of hanging cables is known at the ends of phases, and at the last state before a

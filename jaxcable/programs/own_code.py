@@ -36,7 +36,7 @@ def _user_objects(tree):
         if isinstance(value, tuple | list):
             for part in value:
                 add(part)
-        elif not digest.is_of_library(getattr(value, "__module__", "builtins")):
+        elif not digest.is_library_module(getattr(value, "__module__", "builtins")):
             found.append(value)
 
     def visit(tree):

@@ -24,7 +24,7 @@ from ..programs.search_call import run_search
 from .distributions import Distribution
 from .exploration import Exploration
 from .first_order_result import DesignPoints, FirstOrder
-from .index_derivative import with_derivatives
+from .index_derivative import attach_index_derivatives
 from .limit_states import (
     limit_state_vector,
     names_of_outcome,
@@ -200,13 +200,13 @@ def _make_result(outcome, quantities, *, names):
 
     `names` are those of the limit states; None for a single one, without that axis.
     """
-    found = jax.vmap(functools.partial(_result_of_one, quantities))(outcome)
+    found = jax.vmap(functools.partial(_single_result, quantities))(outcome)
     if names is None:
         found = jax.tree.map(lambda leaf: leaf[0], found)
     return copy_with(found, limit_states=names)
 
 
-def _result_of_one(quantities, outcome):
+def _single_result(quantities, outcome):
     """Return the `FirstOrder`, without derivatives, of one limit state's `ExplorationOutcome`."""
     layout, factor = quantities.layout, quantities.factor()
     points = outcome.points
@@ -240,4 +240,4 @@ def _with_derivatives(found, points, *task):
 
     `points` are all design points; `task` is (limit state, quantities, arguments).
     """
-    return with_derivatives(_limit_states, found, points, task)
+    return attach_index_derivatives(_limit_states, found, points, task)

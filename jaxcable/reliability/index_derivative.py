@@ -18,7 +18,7 @@ from .search import SearchPoint
 from .systems import rows_without_point
 
 
-def with_derivatives(
+def attach_index_derivatives(
     function: Callable[..., Float[Array, " m"]],
     found: FirstOrder,
     points: SearchPoint,

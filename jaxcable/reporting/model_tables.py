@@ -105,7 +105,7 @@ def property_table(structure: Structure, units: Units | None) -> Table:
     """
     rows: list[list[Any]] = []
     for label, group in named_groups_of(structure):
-        values = _properties_of(group)
+        values = _group_properties(group)
         also = _further_properties(group, units)
         changes = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
         starts = [0, *(np.flatnonzero(changes.any(axis=1)) + 1).tolist(), len(values)]
@@ -118,7 +118,7 @@ def property_table(structure: Structure, units: Units | None) -> Table:
     return make_table("Properties of elements", columns, notes)
 
 
-def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
+def _group_properties(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
     """Return the properties of each element, [n_elem, n_property], SI; NaN where a group has none.
 
     They are those of `_STIFFNESSES`, at zero strain, then of `_PROPERTIES`. Weights of faces, per

@@ -22,7 +22,7 @@ from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..programs.program_calls import as_program
-from ..spaces import space_of
+from ..spaces import space_class
 
 # Part of the largest load in the phase that stands for no load: it has a direction. Its own work is
 # a millionth of that of the load.
@@ -74,7 +74,7 @@ def _work_terms_of_phase(ramp, codes, path):
     `codes` and `path` are status codes and displacements of its increments. The end is the stored
     energy, J, and the `RestartState`.
     """
-    begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
+    begin, n_inc, space = ramp.start.motion, len(codes), space_class(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
