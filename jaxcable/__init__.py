@@ -60,6 +60,7 @@ from .elements import (
     FrictionCables,
     GroundContacts,
     SlidingCables,
+    SlidingCatenaries,
     Springs,
 )
 from .equilibrium.incremental import Incremental
@@ -128,6 +129,7 @@ __all__ = [
     "Section",
     "SelfWeight",
     "SlidingCables",
+    "SlidingCatenaries",
     "Solution",
     "Springs",
     "Structure",

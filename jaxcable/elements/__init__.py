@@ -15,6 +15,7 @@ from .contract import check
 from .friction_cables import FrictionCables
 from .prestress import AxialState
 from .sliding import SlidingCables
+from .sliding_catenaries import SlidingCatenaries
 from .spring import GroundContacts, Springs
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "FrictionCables",
     "GroundContacts",
     "SlidingCables",
+    "SlidingCatenaries",
     "Springs",
     "check",
 ]

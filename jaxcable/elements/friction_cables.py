@@ -167,8 +167,8 @@ class FrictionCables(SlidingCables):
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        fed_length = jnp.zeros_like(state.rest_length)
-        return FrictionState(**fields, clamped=zero, fed_length=fed_length, initial_slip=zero)
+        fed = jnp.zeros_like(state.rest_length)
+        return FrictionState(**fields, clamped=zero, fed_length=fed, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
@@ -177,8 +177,8 @@ class FrictionCables(SlidingCables):
         share, now = before / jnp.sum(before), length / jnp.sum(length)
         # by how much the elongation of a segment would differ from its share of the whole
         elongation = now * (state.elongation + jnp.sum(change)) - share * state.elongation - change
-        slip, none = jnp.cumsum(elongation)[:-1], jnp.zeros_like(state.fed_length)
-        return copy_with(state, initial_slip=slip, fed_length=none)
+        slip, fed = jnp.cumsum(elongation)[:-1], jnp.zeros_like(state.fed_length)
+        return copy_with(state, initial_slip=slip, fed_length=fed)
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
@@ -245,9 +245,8 @@ class FrictionCables(SlidingCables):
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
-        stretched = elongations_and_rates(segments, found.tension)[0]
-        fed = segments.no_slip_elongation[0] - stretched[0] + jnp.sum(slips(segments, found)[:1])
-        fed = jnp.where(self._jack(state)[1], fed, 0.0)
+        gained = jnp.where(found.tension > 0, found.gained, segments.stuck_elongation)
+        fed = jnp.where(self._jack(state)[1], gained[0] + jnp.sum(slips(found)[:1]), 0.0)
         return copy_with(
             state,
             rest_length=state.rest_length + fed,
@@ -267,22 +266,34 @@ class FrictionCables(SlidingCables):
 
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
-        change, before, length = segment_length_changes(ends, motion)
+        segment, length = moved_segments_with_lengths(ends, motion)
+        elongation = self.stuck_elongations(state, ends, motion)
+        bound = self.friction_bound(deviation_angles(segment[:-1], segment[1:]), length)
+        clamped = self.closed_clamps(state, length)
+        segments = StraightSegments(self, length, elongation, bound, clamped, self._jack(state))
+        return segments, segment_tensions(segments)
+
+    def stuck_elongations(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+        """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
+        change, before, _ = segment_length_changes(ends, motion)
         slip = jnp.pad(state.memory * _thermal_stretch(state) + state.initial_slip, 1)
         elongation = before / jnp.sum(before) * (state.elongation + state.fed_length)
         elongation = elongation + change + slip[1:] - slip[:-1]
-        elongation = elongation.at[0].add(-state.fed_length)
-        is_filler = (length[1:] <= 0) | (length[:-1] <= 0)
-        bound = self._friction_bound(ends, motion)
-        bound = jnp.where(state.clamped > 0, jnp.inf, bound)
-        bound = jnp.where(is_filler, 0.0, bound)
-        segments = StraightSegments(self, length, elongation, bound, self._jack(state))
-        return segments, segment_tensions(segments)
+        return elongation.at[0].add(-state.fed_length)
 
-    def _friction_bound(self, ends, motion):
-        """Return the largest logarithms of ratios of successive tensions, without clamps."""
-        segment, length = moved_segments_with_lengths(ends, motion)
-        angle = deviation_angles(segment, length)
+    def closed_clamps(
+        self, state: OwnState, length: Float[Array, " n"]
+    ) -> Bool[Array, " n_deviator"]:
+        """Return where one cable is clamped; `length` has the chords of its segments, [n], m."""
+        return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
+
+    def friction_bound(
+        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
+    ) -> Float[Array, " n_deviator"]:
+        """Return the largest logarithms of ratios of tensions that friction allows, without clamps.
+
+        `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
+        """
         bound = jnp.zeros_like(angle)
         if self.friction is not None:
             bound = bound + self.friction * angle
@@ -290,7 +301,7 @@ class FrictionCables(SlidingCables):
             bound = bound + axle_bound(angle, self.axle_friction)
         if self.wobble is not None:
             bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
-        return bound
+        return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
     def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
@@ -311,8 +322,8 @@ class FrictionCables(SlidingCables):
 
         It is unstressed length at the reference temperature.
         """
-        slipped = slips(*self._segments_with_tensions(state, ends, motion))
-        return state.memory + slipped / _thermal_stretch(state)
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        return state.memory + slips(found) / _thermal_stretch(state)
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -321,11 +332,11 @@ class FrictionCables(SlidingCables):
 
         1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction.
         """
-        tension = self._segments_with_tensions(state, ends, motion)[1].tension
-        bound = self._friction_bound(ends, motion)
-        counts = (tension[:-1] > 0) & (tension[1:] > 0) & (bound > 0)
-        ratio = jnp.where(counts, tension[1:], 1.0) / jnp.where(counts, tension[:-1], 1.0)
-        return jnp.log(ratio) / jnp.where(counts, bound, 1.0)
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        before, after = found.at_deviators()
+        counts = (before > 0) & (after > 0) & (found.bound > 0)
+        ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
+        return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
 
     def clamp_force(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -334,8 +345,8 @@ class FrictionCables(SlidingCables):
 
         It is that of the next segment less that before; friction helps to hold it.
         """
-        tension = self._segments_with_tensions(state, ends, motion)[1].tension
-        return jnp.where(state.clamped > 0, jnp.diff(tension), 0.0)
+        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        return jnp.where(state.clamped > 0, after - before, 0.0)
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether no segment of one cable has a tension."""
@@ -346,7 +357,8 @@ class FrictionCables(SlidingCables):
 
         Where it has slipped before and loads pause, derivatives are those of slipping on.
         """
-        change = at_slip_limit(*self._segments_with_tensions(state, ends, motion))
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        change = at_slip_limit(found, segments.length) & (state.clamped == 0)
         change = change & (state.memory == 0)
         unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
         return jnp.any(change) | unstressed
@@ -373,7 +385,8 @@ class FrictionCables(SlidingCables):
         segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
         stored = jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
-        lost = jnp.sum(jnp.abs(slips(segments, found) * jnp.diff(found.tension)))
+        before, after = found.at_deviators()
+        lost = jnp.sum(jnp.abs(slips(found) * (after - before)))
         return stored + lost
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:

@@ -39,6 +39,7 @@ from ..elements import (
     FrictionCables,
     GroundContacts,
     SlidingCables,
+    SlidingCatenaries,
     Springs,
 )
 from ..elements.element import Element
@@ -72,6 +73,7 @@ TYPES: dict[str, type] = {
             Catenaries,
             Contacts,
             FrictionCables,
+            SlidingCatenaries,
             SlidingCables,
             Springs,
         ),

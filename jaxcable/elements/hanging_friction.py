@@ -1,0 +1,230 @@
+"""Friction of a cable whose segments hang as elastic catenaries between the nodes (see `hanging`).
+
+With the mean tau of the tensions at both ends of a segment, the load q per unstressed length and
+the chord d, the tensions at the first and the last end are ``tau +- q.d / (2 (1 + tau/EA))``,
+whatever the unstressed length. The search of `slip_search` then needs the unstressed length that a
+segment takes under a tension. It gets a function with the terms of a shallow cable that agrees with
+the catenary at the last two unstressed lengths, and is repeated, with the angles as they are then,
+until these do not change.
+
+A deep catenary, whose tension rises with its length, pulls ever more cable towards itself where it
+slips: there is no equilibrium, and the result is NaN. (Derived for this package.)
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.types import Array, Bool, Float, Int
+from ..numerics.implicit_root import TangentSolver, implicit_root
+from . import hanging
+from .element import Scalar
+from .friction import SegmentTensions, deviation_angles, mismatches, solve_small
+from .hanging_terms import magnitude_and_direction
+from .slip_search import Jack, SegmentsThatSlip, tensions_and_signs
+
+_MAX_SEARCHES = 60  # of slips; two spans need 5 to 10
+_LARGEST_RATIO = 20.0  # of the slope of a catenary over that of a shallow one
+
+
+class HangingSegments(NamedTuple):
+    """Hanging segments of one cable between its nodes, [n]; fillers have no length.
+
+    Attributes:
+        cable: the element, of which `friction_bound` is asked.
+        chord: from the first to the last end of each segment, [n, 3], m.
+        length: of the chords, [n], m.
+        stuck_elongation: chord minus unstressed length, if nothing slips now, [n], m.
+        load: dead load per unstressed length, [3], N/m.
+        stiffness: EA, N.
+        clamped: whether the cable is clamped to a deviator, [n - 1].
+        jack: None: there is no jack at the first end.
+    """
+
+    cable: Any
+    chord: Float[Array, "n 3"]
+    length: Float[Array, " n"]
+    stuck_elongation: Float[Array, " n"]
+    load: Float[Array, " 3"]
+    stiffness: Scalar
+    clamped: Bool[Array, " n_deviator"]
+    jack: Jack | None
+
+
+class HangingShape(NamedTuple):
+    """Tensions and shapes of hanging segments at given unstressed lengths.
+
+    Attributes:
+        unstressed: length of each segment, [n], m.
+        force: tension vector at mid-length, [n, 3], N.
+        tension: mean of the tensions at both ends, [n], N.
+        theta: shape parameter of `hanging`, [n].
+        drop, bound: as of `SegmentTensions`.
+    """
+
+    unstressed: Float[Array, " n"]
+    force: Float[Array, "n 3"]
+    tension: Float[Array, " n"]
+    theta: Float[Array, " n"]
+    drop: Float[Array, " n"]
+    bound: Float[Array, " n_deviator"]
+
+
+@jax.jit  # traced once, although a program calls it for forces, tangents and results
+def hanging_tensions(segments: HangingSegments) -> tuple[SegmentTensions, HangingShape]:
+    """Return tensions and shapes of the segments of one cable, with derivatives of any order."""
+    elongation, sign = _find_slips(lax.stop_gradient(segments))
+    solver = TangentSolver(solve_small, solve_small)
+    elongation = implicit_root(_mismatches, elongation, (segments, sign), solver)
+    shape = _hang(segments, elongation)
+    return _with_slips(segments, elongation, shape, sign), shape
+
+
+def _hang(segments, elongation):
+    """Return the `HangingShape` where chords exceed unstressed lengths by `elongation`, [n], m."""
+    real = segments.length > 0
+    axis = jnp.asarray([1.0, 0.0, 0.0], segments.chord.dtype)
+    length = jnp.where(real, segments.length, 1.0)
+    unstressed = length - jnp.where(real, elongation, 0.01)  # fillers are taut: they have slopes
+    force, tension, theta = jax.vmap(hanging.solve_catenary, (0, 0, None, 0, None))(
+        jnp.where(real[:, None], segments.chord, axis),
+        (length - unstressed) * (length + unstressed),
+        segments.load,
+        unstressed,
+        segments.stiffness,
+    )
+    force = jnp.where(real[:, None], force, 0.0)
+    tension, unstressed = jnp.where(real, tension, 0.0), jnp.where(real, unstressed, 0.0)
+    drop = 0.5 * segments.chord @ segments.load / (1 + tension / segments.stiffness)
+    half = 0.5 * unstressed[:, None] * segments.load
+    angle = deviation_angles((force - half)[:-1], (force + half)[1:])
+    bound = segments.cable.friction_bound(angle, segments.length)
+    return HangingShape(unstressed, force, tension, theta, drop, bound)
+
+
+def _with_slips(segments, elongation, shape, sign):
+    """Return the `SegmentTensions` of hanging segments."""
+    gained = jnp.where(segments.length > 0, segments.stuck_elongation - elongation, 0.0)
+    gained = jnp.where(shape.tension > 0, gained, 0.0)
+    return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained)
+
+
+def shallow_elongations(
+    segments: HangingSegments, tension: Float[Array, " n"]
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Return by how much chords exceed unstressed lengths under mean tensions, [n], m, and rates.
+
+    They are those of shallow cables; the rates are the derivatives by the tensions, [n], m/N.
+    """
+    weight, unit = magnitude_and_direction(segments.load)
+    across2 = segments.length**2 - (segments.chord @ unit) ** 2
+    some = jnp.where(tension > 0, tension, 1.0)
+    sag = weight**2 * across2 * segments.length / 24 / some**2
+    sag = jnp.where(tension > 0, jnp.maximum(sag, 0.0), 0.0)
+    strain = tension / segments.stiffness
+    stretched = segments.length / (1 + strain)
+    return stretched * strain - sag, stretched / (1 + strain) / segments.stiffness + 2 * sag / some
+
+
+def _mismatches(elongation, parameters):
+    """Return `mismatches` of hanging segments; of slack ones and fillers those of elongations."""
+    segments, sign = parameters
+    shape = _hang(segments, elongation)
+    tension = lax.stop_gradient(shape.tension)
+    held = (segments.length <= 0) | (tension <= 0)
+    # rates only scale the equations, but are not zero
+    rate = jnp.where(held, 1.0, shallow_elongations(lax.stop_gradient(segments), tension)[1])
+    found = _with_slips(segments, elongation, shape, sign)
+    kept = elongation - jnp.where(segments.length > 0, segments.stuck_elongation, 0.0)
+    return jnp.where(held, kept, mismatches(found, rate, segments.jack))
+
+
+class _SearchState(NamedTuple):
+    """State of the search for slips.
+
+    Attributes:
+        elongation: of the segments, [n], m.
+        sign: of the slips, [n - 1].
+        before, tension: elongations and mean tensions of the step before, [n], m and N.
+        ratio: by how much faster the elongations change with tension than those of shallow cables.
+        moved: largest change of an elongation in this step, m.
+        runs_away: whether a segment slips whose tension rises with its length.
+        count: number of steps.
+    """
+
+    elongation: Float[Array, " n"]
+    sign: Float[Array, " n_deviator"]
+    before: Float[Array, " n"]
+    tension: Float[Array, " n"]
+    ratio: Float[Array, " n"]
+    moved: Scalar
+    runs_away: Bool[Array, ""]
+    count: Int[Array, ""]
+
+
+def _find_slips(segments):
+    """Return elongations of the segments, [n], m, and the signs of the slips, [n - 1].
+
+    They are NaN where there is no equilibrium, or none was found.
+    """
+    real, jack = segments.length > 0, segments.jack
+    alone = jnp.where(real, segments.stuck_elongation, 0.0)
+    stuck = _hang(segments, alone).tension
+    eps = jnp.finfo(alone.dtype).eps * jnp.sum(segments.length)
+
+    def step(s):
+        shape = _hang(segments, s.elongation)
+        ratio, deep = _secant_ratio(segments, s, shape.tension)
+        model = partial(_near_elongations, segments, s.elongation, shape.tension, ratio)
+        bound = jnp.where(segments.clamped, jnp.inf, shape.bound)
+        tension, sign = tensions_and_signs(
+            SegmentsThatSlip(stuck, segments.stuck_elongation, real, bound, shape.drop, model, jack)
+        )
+        sign = jnp.where(real[1:] & real[:-1], sign, 0.0)
+        slips = jnp.pad(sign, 1) != 0
+        changes = slips[1:] | slips[:-1]
+        if jack is not None:
+            changes = changes.at[0].set(changes[0] | jack[1])
+        changes = changes & real
+        new = jnp.where(changes, model(tension)[0], alone)
+        moved = jnp.max(jnp.abs(new - s.elongation))
+        runs_away = jnp.any(changes & deep)
+        last = s.elongation, shape.tension
+        return _SearchState(new, sign, *last, ratio, moved, runs_away, s.count + 1)
+
+    def unfinished(s):
+        return (s.moved > 2 * eps) & (s.count < _MAX_SEARCHES)
+
+    one, far = jnp.ones_like(alone), jnp.full_like(eps, jnp.inf)
+    start = _SearchState(
+        *(alone, jnp.zeros_like(alone[1:]), alone, stuck, one, far),
+        *(jnp.zeros((), bool), jnp.int32(0)),
+    )
+    end = lax.while_loop(unfinished, step, start)
+    fails = end.runs_away | ~(end.moved <= 8 * eps)
+    return jnp.where(fails, jnp.nan, end.elongation), end.sign
+
+
+def _secant_ratio(segments, s, tension):
+    """Return the ratio of `_SearchState` between two steps, and which segments are deep, [n]."""
+    change = s.elongation - s.before
+    expected = (
+        shallow_elongations(segments, tension)[0] - shallow_elongations(segments, s.tension)[0]
+    )
+    precise = jnp.sqrt(jnp.finfo(change.dtype).eps) * segments.length
+    counts = (jnp.abs(change) > precise) & (jnp.abs(expected) > precise)
+    secant = change / jnp.where(counts, expected, 1.0)
+    deep = counts & (secant < 0)
+    limited = jnp.clip(secant, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
+    return jnp.where(counts & ~deep, limited, s.ratio), deep
+
+
+def _near_elongations(segments, elongation, tension, ratio, new):
+    """Return elongations under tensions `new` near known ones, [n], m, and their rates, m/N."""
+    later, rate = shallow_elongations(segments, new)
+    return elongation + ratio * (later - shallow_elongations(segments, tension)[0]), ratio * rate

@@ -1,0 +1,188 @@
+"""Where a cable slips over its deviators: dynamic programming along it, see `friction`.
+
+With the tension that is best for all segments up to one, the tension of this segment is that if it
+is within the bounds that the next tension sets, and at a bound if not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.types import Array, ArrayLike, Bool, Float
+
+MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
+CLAMPED = 80.0  # bound from which the cable is held: its exponential is finite in float32, too
+
+
+Jack: TypeAlias = 'tuple[Float[Array, ""], Bool[ArrayLike, ""]]'
+"""Tension of a cable at its first end, N, and whether a jack prescribes it."""
+
+
+class SegmentsThatSlip(NamedTuple):
+    """Segments of one cable, [n], as the search sees them.
+
+    Attributes:
+        stuck: tension of each segment if nothing slips in this increment, [n], N.
+        stuck_elongation: present length minus unstressed length then, [n], m.
+        is_real: False for segments that only fill up a shorter chain, [n].
+        bound: largest logarithm of the ratio of the tensions on both sides of every deviator,
+            [n - 1]; infinite at a clamp, zero beside segments that only fill up.
+        drop: by how much the tension at the first end of each segment exceeds its mean, and that at
+            the last one falls short of it, [n], N; None: segments without weight.
+        elongations_and_rates: function of the tensions, [n], N: present length minus the unstressed
+            length that has this tension, m, which increases with it, and its derivatives, m/N.
+        jack: None: there is no jack at the first end.
+    """
+
+    stuck: Float[Array, " n"]
+    stuck_elongation: Float[Array, " n"]
+    is_real: Bool[Array, " n"]
+    bound: Float[Array, " n_deviator"]
+    drop: Float[Array, " n"] | None
+    elongations_and_rates: Callable[[Array], tuple[Array, Array]]
+    jack: Jack | None
+
+
+def tensions_and_signs(
+    segments: SegmentsThatSlip,
+) -> tuple[Float[Array, " n"], Float[Array, " n_deviator"]]:
+    """Return the tensions of all segments, [n], N, and the signs of their slips, [n - 1].
+
+    A sign is 1 where the cable slips towards the next segment, -1 where it slips back, else 0.
+    """
+    bound, dtype = segments.bound, segments.stuck.dtype
+    # infinite at clamps, where comparisons with it are false even if a tension is zero
+    growth = jnp.where(bound < CLAMPED, jnp.exp(bound), jnp.inf).astype(dtype)
+    drop = jnp.zeros_like(segments.stuck) if segments.drop is None else segments.drop
+    best, last = _best_tensions(segments, growth, drop)
+    rounding = 8 * jnp.finfo(dtype).eps
+
+    def go_back(later, at):
+        own, pair, ratio = at
+        low, high = _reach_before(later, pair, ratio)
+        # at its bound the cable counts as slipping: so it does beside a jack, however it is rounded
+        rises, falls = own <= low * (1 + rounding), own >= high * (1 - rounding)
+        sign = jnp.where(rises, 1.0, jnp.where(falls, -1.0, 0.0)).astype(dtype)
+        own = jnp.where(own < low, low, jnp.where(own > high, high, own))
+        return own, (own, sign)
+
+    at = best[:-1], (drop[:-1], drop[1:]), growth
+    _, (tension, sign) = lax.scan(go_back, last, at, reverse=True)
+    # comparisons with NaN are false: they would pass for a cable that sticks
+    given = jnp.sum(segments.stuck_elongation) + jnp.sum(jnp.minimum(bound, CLAMPED))
+    return jnp.where(jnp.isnan(given), given, jnp.append(tension, last)), sign
+
+
+def _reach_before(later, drops, ratio):
+    """Return the least and largest tension of a segment that friction allows before `later`, N.
+
+    `drops` are those of the segment and of the next one; `ratio` is the largest one of tensions.
+    """
+    start = later + drops[1]
+    low = jnp.where(ratio < jnp.inf, start / ratio + drops[0], -jnp.inf)
+    return low, start * ratio + drops[0]
+
+
+def _best_tensions(segments, growth, drop):
+    """Return the best tension of each segment for those up to it together, [n], and the last, N."""
+    zero = jnp.zeros_like(segments.stuck)
+    reach = zero[0], zero[0] + jnp.inf
+    first = segments.stuck[0]
+    if segments.jack is not None:
+        force, jacked = segments.jack
+        first = jnp.where(jacked, force - drop[0], first)
+        reach = jnp.where(jacked, first, reach[0]), jnp.where(jacked, first, reach[1])
+
+    def extend(i, carry):
+        best, (low, high) = carry
+        before, ratio = best[i - 1], growth[i - 1]
+        ends = low - drop[i - 1], high - drop[i - 1]
+        low = ends[0] / ratio - drop[i]
+        high = jnp.where(ends[1] > 0, ends[1] * ratio, ends[1]) - drop[i]
+        end = before - drop[i - 1]
+        alone = jnp.where(segments.is_real[i], segments.stuck[i], end - drop[i])
+        found = _minimizing_tension(segments, growth, drop, best, i, alone, (low, high))
+        sticks = ~((alone + drop[i]) * ratio < end) & ~(alone + drop[i] > end * ratio)
+        found = jnp.where(sticks, alone, found)
+        return best.at[i].set(jnp.clip(found, low, high)), (low, high)
+
+    best, _ = lax.fori_loop(1, len(zero), extend, (zero.at[0].set(first), reach))
+    return best, best[-1]
+
+
+def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
+    """Return the tension of segment i that is best for the segments 0 to i together, N.
+
+    Args:
+        segments: `SegmentsThatSlip`.
+        growth: largest ratios of tensions at the deviators, [n - 1].
+        drop: as of `SegmentsThatSlip`, but no None.
+        best: best tensions for the segments up to each one before i, [n].
+        i: number of the segment.
+        alone: tension of segment i without slip, N.
+        reach: smallest and largest tension that friction allows beside a jack, N.
+    """
+    ratio, step_up = growth[i - 1], drop[i - 1] + drop[i]
+    before = best[i - 1] - step_up  # where the tension goes on as it is
+    low = jnp.clip(jnp.minimum(alone, before), *reach)
+    high = jnp.clip(jnp.maximum(alone, before), *reach)
+    # the function is concave where it matters, so that steps from below do not pass the root
+    raised = (best[i - 1] - drop[i - 1]) * ratio - drop[i]
+    start = jnp.clip(jnp.where(alone > before, raised, alone), low, high)
+    eps = jnp.finfo(start.dtype).eps
+
+    def unfinished(s):
+        _, _, _, moved, count = s
+        return (moved > 2 * eps) & (count < MAX_STEPS)
+
+    def step(s):
+        tension, low, high, _, count = s
+        value, rate = _length_mismatch_and_rate(segments, growth, drop, best, i, tension)
+        low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
+        new = tension - value / rate
+        new = jnp.where((new >= low) & (new <= high), new, 0.5 * (low + high))
+        size = jnp.maximum(jnp.abs(new), jnp.finfo(new.dtype).tiny)
+        return new, low, high, jnp.abs(new - tension) / size, count + 1
+
+    far = jnp.full_like(start, jnp.inf)
+    found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
+    # a cable that is too long even under a vanishing tension has none
+    vanishing = jnp.full_like(start, jnp.finfo(start.dtype).tiny / eps)
+    too_long = _length_mismatch_and_rate(segments, growth, drop, best, i, vanishing)[0] >= 0
+    return jnp.where(too_long, 0.0, found)
+
+
+def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):
+    """Return by how much the segments that slip with segment i are too long for its tension, m.
+
+    It is the sum over the segments whose tension changes with that of segment i, and increases with
+    it; and its derivative, m/N.
+    """
+    n = len(best)
+
+    def go_back(later, at):
+        """Return tension and share of a segment from those of the next one, and if it counts."""
+        tension, share, counts = later
+        k, before, drops, ratio = at
+        low, high = _reach_before(tension, drops, ratio)
+        falls, grows = low > before, high < before
+        factor = jnp.where(falls, 1 / ratio, ratio)
+        own = jnp.where(falls, low, high), share * factor, counts & (falls | grows)
+        own = jax.tree.map(lambda new, old: jnp.where(k <= i, new, old), own, later)
+        return own, own
+
+    last = tension, jnp.ones_like(tension), jnp.ones((), bool)
+    at = jnp.arange(1, n), best[:-1], (drop[:-1], drop[1:]), growth
+    _, earlier = lax.scan(go_back, last, at, reverse=True)
+    tensions, shares, counts = (
+        jnp.append(values, value) for values, value in zip(earlier, last, strict=True)
+    )
+    counts = counts & (jnp.arange(n) <= i)
+    stretched, rate = segments.elongations_and_rates(tensions)
+    mismatch = jnp.sum(jnp.where(counts, stretched - segments.stuck_elongation, 0.0))
+    return mismatch, jnp.sum(jnp.where(counts, shares * rate, 0.0))
