@@ -14,6 +14,7 @@ from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import END_PULL, Hanging
 from ..elements.element import Scalar
+from ..elements.sliding_catenaries import SEGMENT_LENGTH, SEGMENT_PULL, SlidingCatenaries
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -161,9 +162,16 @@ def element_shapes(
         ValueError: not a state, or of another structure.
     """
     known = results_of_state(structure, state)
-    pulls = items_per_group(structure, (known.results or {}).get(END_PULL.name))
+    results = {**(known.results or {}), "rest_length": known.rest_length}
+
+    def one_of(*names):
+        """Return for each group the first of the named results that it has, or None."""
+        every = (items_per_group(structure, results.get(name)) for name in names)
+        return [next((x for x in own if x is not None), None) for own in zip(*every, strict=True)]
+
+    pulls = one_of(SEGMENT_PULL.name, END_PULL.name)
+    lengths = one_of(SEGMENT_LENGTH.name, "rest_length")
     present = items_per_group(structure, known.present)
-    lengths = items_per_group(structure, known.rest_length)
     return _shapes_by_group(list(structure.groups), known.positions, pulls, present, lengths)
 
 
@@ -176,7 +184,7 @@ def _shapes_by_group(groups, positions, *parts):
     """
     found = []
     for group, pull, there, length in zip(groups, *parts, strict=True):
-        if isinstance(group, Hanging):
+        if isinstance(group, Hanging | SlidingCatenaries):
             shapes = _catenary_shapes(group, positions, pull, length)
         else:
             shapes = _straight_shapes(group, positions)
@@ -228,20 +236,22 @@ def _straight_shapes(group, positions):
     elif group.outline is not None:
         chain = chain[:, list(group.outline)]
     ends = chain[:, :-1], chain[:, 1:]
-    if chain.shape[1] == 2:
-        ends = chain[:, 0], chain[:, 1]
+    if chain.shape[1] <= 2:  # a spring at one node is a line without length
+        ends = chain[:, 0], chain[:, -1]
     return straight_shapes(*(jnp.asarray(positions)[..., nodes, :] for nodes in ends))
 
 
 def _catenary_shapes(group, positions, pull, length):
     """Return the shapes of a group of catenaries from its results; arguments are per group.
 
+    Of hanging cables that slide over nodes there is a line for each segment, [..., n_elem, n_line].
+
     `pull` is the result `END_PULL`, None if no phase has loads along the elements: then they are
     straight.
     """
-    ends = group.links.array[:, [0, -1]]
-    positions = jnp.asarray(positions)
-    first, last = positions[..., ends[:, 0], :], positions[..., ends[:, 1], :]
+    chain = group.links.array
+    ends = (chain[:, :-1], chain[:, 1:]) if group.slides else (chain[:, 0], chain[:, -1])
+    first, last = (jnp.asarray(positions)[..., nodes, :] for nodes in ends)
     if pull is None:
         if END_PULL not in group.results:
             raise ValueError(
@@ -249,9 +259,11 @@ def _catenary_shapes(group, positions, pull, length):
                 "shape follows; list elements.abilities.END_PULL among its results"
             )
         return straight_shapes(first, last)
-    stiffness = jnp.broadcast_to(
-        jnp.asarray(group.stiffness_with_spring, first.dtype), first.shape[:-1]
-    )
+    pull = pull.reshape(*first.shape[:-1], 2, 3)
+    stiffness = jnp.asarray(group.stiffness_with_spring, first.dtype)
+    if group.slides:
+        stiffness = stiffness[..., None]
+    stiffness = jnp.broadcast_to(stiffness, first.shape[:-1])
     load = pull[..., 0, :] + pull[..., 1, :]
     length = jnp.broadcast_to(jnp.asarray(length, first.dtype), first.shape[:-1])
     # a slack cable without load has no force; its shape is not known, and it is taken as straight

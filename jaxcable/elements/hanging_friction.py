@@ -154,7 +154,7 @@ class _SearchState(NamedTuple):
         ratio: by how much faster the elongations change with tension than those of shallow cables.
         moved: largest change of an elongation in this step, m.
         runs_away: whether a segment slips whose tension rises with its length.
-        count: number of steps.
+        steps: their number.
     """
 
     elongation: Float[Array, " n"]
@@ -164,7 +164,7 @@ class _SearchState(NamedTuple):
     ratio: Float[Array, " n"]
     moved: Scalar
     runs_away: Bool[Array, ""]
-    count: Int[Array, ""]
+    steps: Int[Array, ""]
 
 
 def _find_slips(segments):
@@ -195,10 +195,10 @@ def _find_slips(segments):
         moved = jnp.max(jnp.abs(new - s.elongation))
         runs_away = jnp.any(changes & deep)
         last = s.elongation, shape.tension
-        return _SearchState(new, sign, *last, ratio, moved, runs_away, s.count + 1)
+        return _SearchState(new, sign, *last, ratio, moved, runs_away, s.steps + 1)
 
     def unfinished(s):
-        return (s.moved > 2 * eps) & (s.count < _MAX_SEARCHES)
+        return (s.moved > 2 * eps) & (s.steps < _MAX_SEARCHES)
 
     one, far = jnp.ones_like(alone), jnp.full_like(eps, jnp.inf)
     start = _SearchState(

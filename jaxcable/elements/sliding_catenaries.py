@@ -20,6 +20,10 @@ from .sliding import moved_segments_with_lengths
 
 END_TENSIONS = Result("end_tensions", "N", ("first", "last"))
 """Tensions at the first and the last end of every segment, [n_segment, 2]; 0 for fillers."""
+SEGMENT_PULL = Result("segment_pull", "N", ("x1", "y1", "z1", "x2", "y2", "z2"), increments=False)
+"""Forces of every segment on the nodes at its first and its last end, [n_segment, 6]."""
+SEGMENT_LENGTH = Result("segment_length", "m")
+"""Unstressed length of every segment, at its present temperature; 0 for fillers."""
 SEGMENT_SAG = Result("segment_sag", "m")
 """Distance of every segment from its chord at midspan, along its load; 0 for fillers."""
 
@@ -38,9 +42,10 @@ class SlidingCatenaries(FrictionCables):
     slips: there is no equilibrium then (NOT_CONVERGED). It is deep from a sag of about a third of a
     level span on.
 
-    `tension` of a cable is the mean over its chords, `segment_tension` that at both ends of each
-    segment in the mean, `end_tensions` has both, `segment_sag` the sags. A jack pulls with its
-    force at the first end.
+    `tension` of a cable is the mean over its chords, `segment_tension` the mean of both ends of
+    each segment, `end_tensions` has both; `segment_sag`, `segment_length` (unstressed) and
+    `segment_pull` (forces on the nodes) describe the catenaries. A jack pulls with its force at the
+    first end.
 
     Args:
         axial_stiffness, rest_length, weight, expansion, strength, compliance, friction,
@@ -72,15 +77,20 @@ class SlidingCatenaries(FrictionCables):
     section: None = None
 
     is_chain = False
-    results = (
+    results = (  # type: ignore[assignment]  # others than those of straight segments
         *(TENSION, PEAK_TENSION, SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
-        *(END_TENSIONS, SEGMENT_SAG),
+        *(END_TENSIONS, SEGMENT_PULL, SEGMENT_LENGTH, SEGMENT_SAG),
     )
 
     def __post_init__(self):
         if self.law is not None or self.section is not None or self.area is not None:
             raise ValueError("law, area, section: a catenary is elastic; give axial_stiffness")
         super().__post_init__()
+
+    @property
+    def stiffness_with_spring(self) -> Any:
+        """Axial stiffness, N, of EA and of springs in series with it, if there are any."""
+        return self._stiffness_law_and_area()[0]
 
     def without_friction(self, state: OwnState) -> tuple[Any, OwnState]:
         """Return the cables as they slide without friction and clamps, and their state."""
@@ -104,7 +114,7 @@ class SlidingCatenaries(FrictionCables):
             length,
             self.stuck_elongations(state, ends, motion),
             load,
-            jnp.asarray(self._stiffness_law_and_area()[0], length.dtype),
+            jnp.asarray(self.stiffness_with_spring, length.dtype),
             self.closed_clamps(state, length),
             self._jack(state),
         )
@@ -115,6 +125,19 @@ class SlidingCatenaries(FrictionCables):
         segments, found = self._segments_with_tensions(state, ends, motion)
         both = jnp.stack([found.tension + found.drop, found.tension - found.drop], axis=1)
         return jnp.where(segments.length[:, None] > 0, both, 0.0)
+
+    def segment_pull(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n 6"]:
+        """Return the forces of every segment on the nodes at its first and last end, [n, 6], N.
+
+        The sum of a pair is the load on the segment.
+        """
+        segments, _, shape = self._solve_shape(state, ends, motion)
+        half = 0.5 * shape.unstressed[:, None] * segments.load
+        return jnp.concatenate([half + shape.force, half - shape.force], axis=1)
+
+    def segment_length(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+        """Return the unstressed lengths of the segments of one cable, [n], m."""
+        return self._solve_shape(state, ends, motion)[2].unstressed
 
     def peak_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the largest tension along one cable, N."""
