@@ -110,7 +110,7 @@ def main(count):
         "limit state      beta  probability  evaluations  part of lengths, modulus, snow, suction"
     )
     for name in found.limit_states:
-        one = found.of(name)
+        one = found.select_limit_state(name)
         assert one.status == 0, jc.describe(one.status)
         parts = [float(jnp.sum(one.alpha_squared[key])) for key, _ in QUANTITIES.layout]
         record(

@@ -202,7 +202,7 @@ def lost(record):
     for name in ("pylon", "deck"):
         group = groups[name]
         stiffness = np.asarray(group.section.stiffness())
-        axes = np.asarray(group.axes_of(structure.nodes))
+        axes = np.asarray(group.element_axes(structure.nodes))
         torsion = float(np.asarray(group.torsional_stiffness)[0])
         for (i, j), axis in zip(group.links.array.tolist(), axes, strict=True):
             numbers = [1.0, stiffness[0, 0], 1.0, torsion, stiffness[1, 1], stiffness[2, 2]]

@@ -3,17 +3,17 @@
 A class derives from a base class below, which says what to write and has defaults for the rest; an
 analysis, derivatives, pictures and reports then treat it as they treat those of the package.
 
-- An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jacked`, ...
+- An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jackable`, ...
 - Its state is an `ElementState`, or `AxialState` for an unstressed length. `check` tries both.
 - A uniaxial law derives from `Law`.
-- A load derives from `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; and `OnGroups`. A wind
-  profile for `WindLoads` derives from `WindProfile`.
+- A load derives from `OnNodes`, `PrescribedMovement`, `DeadLoad`, `LoadPerGeometry`,
+  `FollowerLoad`; and `OnGroups`. A wind profile for `WindLoads` derives from `WindProfile`.
 - A linear solver consists of `Solver`, `Analysis` and `NumericFactor`; `register_solver` tries it.
 
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
 dataclasses whose fields are arrays; fields with topology are `Indices`. `copy_with` changes fields
 without the constructor. `register` lets files hold a class. Results of an element are named by
-`Result`, statements of phases that it knows alone by `Statement`. A constructor converts numbers
+`Result`, inputs of phases that it knows alone by `PhaseInput`. A constructor converts numbers
 (`as_floats`, `floats_per_element`) and refuses those that break a rule (`refuse_if_broken`); with a
 method ``rules()`` an analysis also ends in INVALID_INPUT where traced numbers break one.
 
@@ -72,11 +72,11 @@ from .common.rules import Rule, not_negative, positive, refuse_if_broken
 from .common.tree import Indices, copy_with, pytree, set_fields
 from .elements.abilities import (
     Bending,
-    Jacked,
+    Hanging,
+    Jackable,
     Prestressable,
-    Rounding,
-    Sagging,
-    Secant,
+    RoundingEstimate,
+    SecantStiffness,
     Uniaxial,
 )
 from .elements.contract import check
@@ -89,14 +89,14 @@ from .elements.element import (
     Result,
 )
 from .elements.element_state import ElementLoad, ElementState
+from .elements.phase_input import InputValues, PhaseInput
 from .elements.prestress import AxialState
-from .elements.statement import StatedValues, Statement
 from .elements.straight import Straight
 from .files.codec import register
 from .linear.solver import Analysis, NumericFactor, Solver
 from .linear.solver import register as register_solver
 from .loads.groups import OnGroups
-from .loads.load import Dead, Following, Measured, Moving, OnNodes
+from .loads.load import DeadLoad, FollowerLoad, LoadPerGeometry, OnNodes, PrescribedMovement
 from .loads.wind_profiles import WindProfile
 from .materials.law import Law
 from .numerics import rotations
@@ -109,28 +109,28 @@ __all__ = [
     "Analysis",
     "AxialState",
     "Bending",
-    "Dead",
+    "DeadLoad",
     "Element",
     "ElementLoad",
     "ElementState",
-    "Following",
+    "FollowerLoad",
+    "Hanging",
     "Indices",
-    "Jacked",
+    "InputValues",
+    "Jackable",
     "Law",
-    "Measured",
-    "Moving",
+    "LoadPerGeometry",
     "NumericFactor",
     "OnGroups",
     "OnNodes",
+    "PhaseInput",
+    "PrescribedMovement",
     "Prestressable",
     "Result",
-    "Rounding",
+    "RoundingEstimate",
     "Rule",
-    "Sagging",
-    "Secant",
+    "SecantStiffness",
     "Solver",
-    "StatedValues",
-    "Statement",
     "Straight",
     "Uniaxial",
     "WindProfile",

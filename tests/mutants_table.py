@@ -135,7 +135,7 @@ FAULTS = (
         "jnp.where(found & lost, status.BEYOND_PEAK, code)",
         "jnp.where(lost, status.BEYOND_PEAK, code)",
         "a mechanism is said to be beyond the peak of a curve"),
-    Fault("analysis/statements.py",
+    Fault("analysis/phase_inputs.py",
         "return differs(group) and mixed and not warms", "return differs(group) and mixed",
         "a temperature for all leaves beams beside cables cold"),
     Fault("analysis/prestress_rules.py",

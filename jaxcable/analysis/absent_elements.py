@@ -1,6 +1,6 @@
-"""Statements and loads of a phase for elements that are not there: refused, or a warning.
+"""Inputs and loads of a phase for elements that are not there: refused, or a warning.
 
-A statement is what a phase states of elements, such as a pretension or a temperature. It changes
+An input is what a phase states of elements, such as a pretension or a temperature. It changes
 what is there. It is lost on an element that is not there, because this element is unstressed when
 it is added. So what names such an element, by `only` or by its group, is refused (with traced masks
 the phase ends in INVALID_INPUT). One number for all cables and bars, or numbers for all elements of
@@ -19,28 +19,28 @@ import numpy as np
 from ..common import checks
 from ..common.selection import Only
 from ..common.types import Bool
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from ..loads.groups import OnGroups
-from ..loads.load import Acting
+from ..loads.load import PersistentLoad
 from ..model.structure import Structure
 from .activation import Activation
 from .group_values import is_single_number, value_per_group
-from .phases import Phase, all_statements
-from .statements import ABSOLUTE_STATEMENTS, INCREMENTAL_STATEMENTS, statement_path
+from .phase_inputs import ABSOLUTE_INPUTS, INCREMENTAL_INPUTS, phase_input_label
+from .phases import Phase, all_phase_inputs
 
 
 def refuse_absent_elements(
     structure: Structure,
     phases: Sequence[Phase],
-    statements: Sequence[Sequence[dict[str, StatedValues]]],
+    inputs: Sequence[Sequence[dict[str, InputValues]]],
     presence: Activation,
     earlier: int = 0,
 ) -> Activation:
-    """Refuse statements (pretension, temperature, ...) for elements that are not there.
+    """Refuse inputs (pretension, temperature, ...) for elements that are not there.
 
     Args:
         structure, phases: of the analysis.
-        statements: statements of every phase and group, as `Phase.statements` returns them.
+        inputs: inputs of every phase and group, as `Phase.inputs` returns them.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
 
@@ -48,15 +48,15 @@ def refuse_absent_elements(
         `presence`, in which phases that traced masks make wrong are marked as not consistent.
 
     Raises:
-        ValueError: a statement names an element that is known not to be there.
+        ValueError: an input names an element that is known not to be there.
     """
     sound = presence.is_consistent
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
-        for name, value in all_statements(phase).items():
-            label = f"phases[{earlier + k}].{statement_path(name)}"
+        for name, value in all_phase_inputs(phase).items():
+            label = f"phases[{earlier + k}].{phase_input_label(name)}"
             if is_single_number(value):
-                _warn_if_all_absent(name, label, [name in own for own in statements[k]], there)
+                _warn_if_all_absent(name, label, [name in own for own in inputs[k]], there)
                 continue
             values = value_per_group(value, structure, label)
             parts = zip(values, structure.named_groups(), there, strict=True)
@@ -67,13 +67,13 @@ def refuse_absent_elements(
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
-                later = [of_phase[number] for of_phase in statements[k + 1 :]]
+                later = [of_phase[number] for of_phase in inputs[k + 1 :]]
                 _warn_of_lost_value(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(is_consistent=sound)
 
 
 def warn_of_idle_loads(
-    along: Sequence[Sequence[Acting]], presence: Activation, earlier: int = 0
+    along: Sequence[Sequence[PersistentLoad]], presence: Activation, earlier: int = 0
 ) -> None:
     """Warn of loads on elements none of which is there in the phase of the load or later.
 
@@ -86,12 +86,12 @@ def warn_of_idle_loads(
         for acting in loads:
             if not isinstance(acting, OnGroups) or not acting.on:  # or a load on stated faces
                 continue
-            on: Any = acting.on  # numbers of groups, after `with_group_numbers`
+            on: Any = acting.on  # numbers of groups, after `with_group_indices`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.element_factors or {}
-            acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
-            if not any(np.any(one) for one in acts):
+            is_acting = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
+            if not any(np.any(one) for one in is_acting):
                 checks.warn_user(
                     f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
                     "there in this phase, nor in a later one"
@@ -108,15 +108,15 @@ def _loaded_elements(factors):
 
 
 def _is_zero_increment(name, given):
-    """Return whether the statement `name` is a shortening or temperature known to be zero."""
+    """Return whether the input `name` is a shortening or temperature known to be zero."""
     values = checks.array_if_known(given.values if isinstance(given, Only) else given)
-    return name in INCREMENTAL_STATEMENTS and values is not None and not np.any(values)
+    return name in INCREMENTAL_INPUTS and values is not None and not np.any(values)
 
 
 def _warn_if_all_absent(name, label, concerned, there):
     """Warn if a number for the whole structure has no effect: no element that takes it is there.
 
-    For each group, `concerned` says whether it takes the number (statement `name`), and `there`
+    For each group, `concerned` says whether it takes the number (input `name`), and `there`
     which elements are there in the phase, [n_elem] bool.
     """
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
@@ -151,13 +151,13 @@ def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.
 
 
 def _warn_of_lost_value(name, label, where, given, present, later):
-    """Warn of a value for an element that is absent now and added later without a statement.
+    """Warn of a value for an element that is absent now and added later without an input.
 
     Args:
-        name, label, where: name of the statement, how a user writes it, and its group.
+        name, label, where: name of the input, how a user writes it, and its group.
         given: values for the group.
         present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
-        later: statements for the group in later phases, dicts from name to `StatedValues`.
+        later: inputs for the group in later phases, dicts from name to `InputValues`.
     """
     values = None if isinstance(given, Only) else checks.array_if_known(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)
@@ -165,13 +165,13 @@ def _warn_of_lost_value(name, label, where, given, present, later):
         return
     nonzero = (values != 0).reshape(len(values), -1).any(axis=1)
     waits, lost = ~present[0], np.zeros(len(present[0]), bool)
-    for comes, statements in zip(present[1:], later, strict=True):
-        for other, stated in statements.items():
-            if other == name or other in ABSOLUTE_STATEMENTS:
+    for comes, inputs in zip(present[1:], later, strict=True):
+        for other, stated in inputs.items():
+            if other == name or other in ABSOLUTE_INPUTS:
                 waits = waits & ~(comes & stated.element_mask())
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= True if name in ABSOLUTE_STATEMENTS else nonzero
+    lost &= True if name in ABSOLUTE_INPUTS else nonzero
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))

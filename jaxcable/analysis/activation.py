@@ -176,7 +176,7 @@ def make_activation(
     return Activation(first, present, sound if isinstance(sound, jax.core.Tracer) else None)
 
 
-def inactive_dofs_of(
+def find_inactive_dofs(
     structure: Structure, states: Sequence[ElementState]
 ) -> Bool[np.ndarray, "n_row n_freedom"] | None:
     """Find degrees of freedom that no active element has, by element `states` of all groups.

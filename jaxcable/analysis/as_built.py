@@ -38,9 +38,9 @@ from ..common.compilation import is_top_level_call
 from ..common.selection import only
 from ..common.tree import copy_with, replace
 from ..common.types import Array, Float, Int
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
+from ..elements.phase_input import InputValues
 from ..elements.prestress import call_each_element
-from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.plausibility import largest_movement
@@ -50,19 +50,19 @@ from ..numerics.implicit_root import TangentSolver, implicit_root
 from ..programs.program_calls import as_program
 from ..programs.search_call import run_search
 from .activation import element_masks, make_activation
-from .as_built_statements import (
+from .as_built_inputs import (
     describe_unmet,
+    find_as_built_inputs,
     refuse_lengths_beyond_digits,
-    stated_as_built,
 )
-from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
+from .element_shapes import ElementShapes, element_shapes, map_shapes
 from .length_search import newton_search, solve_dense
+from .phase_inputs import AS_BUILT_INPUTS, end_tensions_as_jacking, may_have_as_built_inputs
 from .phases import Phase, as_phases
 from .preparation import prepare
 from .recalled_derivative import without_derivatives
 from .sensitivity import MeasuredAnalysis
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, end_tensions_as_jacks, may_state_as_built
 
 Run = Callable[..., Solution]
 """Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
@@ -82,7 +82,7 @@ def with_lengths_as_built(
 
     Args:
         structure, phases, method, start: as for `solve`.
-        run: function that analyses phases without such statements: `solve`.
+        run: function that analyses phases without such inputs: `solve`.
         straight: whether end tensions of straight elements are met by lengths, too, and not by
             jacks.
 
@@ -94,11 +94,11 @@ def with_lengths_as_built(
         ValueError: as of `solve`.
     """
     phases = as_phases(structure, phases)
-    hangs = any(isinstance(group, Sagging) for group in structure.groups)
-    if not any(may_state_as_built(phase, hangs) for phase in phases):
+    hangs = any(isinstance(group, Hanging) for group in structure.groups)
+    if not any(may_have_as_built_inputs(phase, hangs) for phase in phases):
         return phases, None
     with checks.without_warnings():
-        stated = stated_as_built(structure, phases, start, straight=straight)
+        stated = find_as_built_inputs(structure, phases, start, straight=straight)
     if not stated:  # an end tension of straight elements is a jack's
         return phases, None
     prepare(structure, phases, method, start)  # for its warnings, which name what is stated
@@ -131,7 +131,7 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution, fixed: Fixe
 def _with_found_lengths(structure, phases, method, start, run, stated, straight):
     """Return the phases with the strains that are found, a status, and the errors that are left.
 
-    `stated` is the list of what is `Stated`, one at least. The relative errors, [n], are None if
+    `stated` is a list of `AsBuiltInput`, at least one. The relative errors, [n], are None if
     traced. Other arguments are those of `with_lengths_as_built`.
     """
     last = 1 + max(one.phase for one in stated)  # what comes later changes nothing
@@ -149,7 +149,7 @@ def _with_found_lengths(structure, phases, method, start, run, stated, straight)
         for k, value in zip(moving, values, strict=True):
             every[k] = value
         structure, phases, method, start = tree.unflatten(every)
-        given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
+        given = structure, phases, find_as_built_inputs(structure, phases, start, straight=straight)
         solution = run(structure, _with_prestrains(*given, m), method, start=start)
         return _relative_errors(solution, *given)
 
@@ -189,19 +189,19 @@ def _has_derivative(leaf):
 def _with_prestrains(structure, phases, stated, m):
     """Return the phases with prestrains ``exp(-m) - 1`` in place of what they state as built.
 
-    `stated` is the list of `Stated`, `m` are the unknowns ``log(L0 / d)``, [n].
+    `stated` is a list of `AsBuiltInput`, `m` are the unknowns ``log(L0 / d)``, [n].
     """
     found, at = list(phases), 0
     for k, phase in enumerate(phases):
-        if not may_state_as_built(phase):
+        if not may_have_as_built_inputs(phase):
             continue
-        every = phase.statements(structure)
+        every = phase.inputs(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
-        jacked = end_tensions_as_jacks(structure, every)
+        jacked = end_tensions_as_jacking(structure, every)
         for number in {one.group for one in stated if one.phase == k}:
             jacked[number] = every[number]  # lengths meet its end tensions
         jacks = [
-            None if isinstance(group, Sagging) else own.get("jacking")
+            None if isinstance(group, Hanging) else own.get("jacking")
             for group, own in zip(structure.groups, jacked, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
@@ -211,7 +211,7 @@ def _with_prestrains(structure, phases, stated, m):
             strains[one.group] = _join(strains[one.group], one.elements, m, part, len(cables.links))
         found[k] = replace(
             phase,
-            **dict.fromkeys(AS_BUILT_STATEMENTS),
+            **dict.fromkeys(AS_BUILT_INPUTS),
             prestrain=_as_phase_argument(structure, strains),
             jacking=_as_phase_argument(structure, jacks),
         )
@@ -219,14 +219,14 @@ def _with_prestrains(structure, phases, stated, m):
 
 
 def _join(stated, elements, m, part, count):
-    """Insert strains of `elements`, by the unknowns ``m[part]``, into a statement of prestrain.
+    """Insert strains of `elements`, by the unknowns ``m[part]``, into an input of prestrain.
 
-    `stated` has the `StatedValues` of the group, of `count` elements, or is None.
+    `stated` has the `InputValues` of the group, of `count` elements, or is None.
     """
     mask = np.zeros(count, bool) if stated is None else stated.element_mask()
     before = np.zeros(count, m.dtype) if stated is None else stated.values
     mask[elements] = True
-    return StatedValues(_insert_strains(before, elements, m, part), None if mask.all() else mask)
+    return InputValues(_insert_strains(before, elements, m, part), None if mask.all() else mask)
 
 
 @as_program
@@ -237,12 +237,12 @@ def _insert_strains(values, elements, m, part):
 
 @as_program
 def _at_indices(values, chosen):
-    """Return ``values[chosen]``, the values of elements with the indices `chosen`."""
+    """Return ``values[chosen]``, the values of elements with the indices `chosen`, [n]."""
     return values[chosen]
 
 
 def _as_phase_argument(structure, stated):
-    """Return `StatedValues` (or None) of all groups as `Phase` takes them; None if all are None."""
+    """Return `InputValues` (or None) of all groups as `Phase` takes them; None if all are None."""
     if all(one is None for one in stated):
         return None
     found = [
@@ -251,7 +251,7 @@ def _as_phase_argument(structure, stated):
         else only(np.flatnonzero(one.chosen), _at_indices(one.values, np.flatnonzero(one.chosen)))
         for one in stated
     ]
-    return structure.arrange([x.values if isinstance(x, StatedValues) else x for x in found])
+    return structure.arrange([x.values if isinstance(x, InputValues) else x for x in found])
 
 
 def _hanging_parameters(structure, cables, elements):
@@ -272,8 +272,8 @@ def _guess_log_lengths(structure, stated):
     parts = []
     for one in stated:
         cables = structure.groups[one.group]
-        if not isinstance(cables, Sagging):
-            parts.append(_lengths_of_straight(cables, one.elements, one.values))
+        if not isinstance(cables, Hanging):
+            parts.append(_straight_unstressed_lengths(cables, one.elements, one.values))
             continue
         chord, span, stiffness, weight = _hanging_parameters(structure, cables, one.elements)
         tension = one.values
@@ -288,7 +288,7 @@ def _guess_log_lengths(structure, stated):
 
 
 @as_program
-def _lengths_of_straight(group, elements, tension):
+def _straight_unstressed_lengths(group, elements, tension):
     """Return the logarithm of unstressed length over length under a `tension`, N, [n]."""
     every = jnp.zeros(len(group.links), tension.dtype).at[elements].set(tension)
     strain = call_each_element("strain_at", group, every, group.initial_memory())
@@ -303,7 +303,7 @@ def _relative_errors(solution, structure, phases, stated):
 
     Measured is what the end of the phase in `solution` has; zero for cables absent there.
     """
-    shapes = {one.phase: shapes_of_groups(structure, solution.phases[one.phase]) for one in stated}
+    shapes = {one.phase: element_shapes(structure, solution.phases[one.phase]) for one in stated}
     parts = []
     for one in stated:
         tension = structure.group_tree.flatten_up_to(solution.phases[one.phase].tension)
@@ -344,7 +344,7 @@ def _find_log_lengths(arguments, run, concrete, straight):
     then the analyses run by the compiled programs of `solve`.
     """
     structure, phases, method, start = arguments
-    stated = stated_as_built(structure, phases, start, straight=straight)
+    stated = find_as_built_inputs(structure, phases, start, straight=straight)
     m = _guess_log_lengths(structure, stated)
     tol = _search_tolerance(method or Newton(), m)
     if concrete:
@@ -374,7 +374,7 @@ def _find_log_lengths(arguments, run, concrete, straight):
 @functools.partial(as_program, static=("run", "straight"))
 def _errors_and_jacobian(structure, phases, method, start, m, *, run, straight):
     """Return relative errors for unknowns `m`, [n], their Jacobian, [n, n], and the status."""
-    given = structure, phases, stated_as_built(structure, phases, start, straight=straight)
+    given = structure, phases, find_as_built_inputs(structure, phases, start, straight=straight)
 
     def errors(m):
         solution = run(structure, _with_prestrains(*given, m), method, start=start)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
-from ..elements.abilities import END_PULL, Sagging
+from ..elements.abilities import END_PULL, Hanging
 from ..elements.element import Scalar
 from ..elements.sliding_catenaries import SEGMENT_LENGTH, SEGMENT_PULL, SlidingCatenaries
 from ..model.result_parts import items_per_group
@@ -120,7 +120,7 @@ class ElementShapes:
         pull = jnp.where(self.hangs[..., None], self.load - self.pull, self.first - self.last)
         return copy_with(self, first=self.last, last=self.first, pull=pull)
 
-    def lowest_part_of(self, function: Callable[[Float[Array, " 3"]], Scalar]) -> Float[Array, ""]:
+    def argmin_along(self, function: Callable[[Float[Array, " 3"]], Scalar]) -> Float[Array, ""]:
         """Return where along one element (0 to 1) a smooth function of the position is least.
 
         The function is evaluated at 17 places; between the neighbors of the least one, the place
@@ -145,7 +145,7 @@ class ElementShapes:
         return jnp.where(inside, root, middle)
 
 
-def shapes_of_groups(
+def element_shapes(
     structure: Structure, state: StateOrPhase
 ) -> list[tuple[ElementShapes, Bool[Array, " n_elem"]]]:
     """Return the shapes of all groups, and which elements are active, a list of pairs.
@@ -172,18 +172,19 @@ def shapes_of_groups(
     pulls = one_of(SEGMENT_PULL.name, END_PULL.name)
     lengths = one_of(SEGMENT_LENGTH.name, "rest_length")
     present = items_per_group(structure, known.present)
-    return _shapes_of_groups(list(structure.groups), known.positions, pulls, present, lengths)
+    return _shapes_by_group(list(structure.groups), known.positions, pulls, present, lengths)
 
 
 @as_program
-def _shapes_of_groups(groups, positions, *parts):
-    """Return what `shapes_of_groups` does; `parts` are results of elements, a list per group each.
+def _shapes_by_group(groups, positions, *parts):
+    """Return pairs of `ElementShapes` and which elements are active, [n_elem] bool, by group.
 
-    These are forces, whether elements are there, and unstressed lengths.
+    `parts` are results of elements, a list per group each: forces, whether elements are there, and
+    unstressed lengths.
     """
     found = []
     for group, pull, there, length in zip(groups, *parts, strict=True):
-        if isinstance(group, Sagging | SlidingCatenaries):
+        if isinstance(group, Hanging | SlidingCatenaries):
             shapes = _catenary_shapes(group, positions, pull, length)
         else:
             shapes = _straight_shapes(group, positions)

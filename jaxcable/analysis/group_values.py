@@ -11,7 +11,7 @@ import numpy as np
 from ..common import checks
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.types import PyTree
-from ..elements.abilities import components_of
+from ..elements.abilities import component_names
 from ..model.structure import Structure
 
 
@@ -62,8 +62,8 @@ def value_per_group(value: PyTree[Any], structure: Structure, name: str) -> list
             continue
         return values
     label, numbers, value = _first_mismatch(name, numbers, value)
-    statement = name.rpartition(".")[2].removeprefix("own['").removesuffix("']")
-    known = [components_of(group, statement) for group in structure.groups]
+    phase_input = name.rpartition(".")[2].removeprefix("own['").removesuffix("']")
+    known = [component_names(group, phase_input) for group in structure.groups]
     columns = [f"; {describe_columns(names)}" for names in known if names]
     expected = "one number, or numbers [n_elem] of the group"
     if not isinstance(numbers, int):

@@ -10,7 +10,7 @@ import numpy as np
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Bool, Float
 from ..loads import Varying
-from ..loads.load import Acting, Dead, Following, Load, OnNodes
+from ..loads.load import DeadLoad, FollowerLoad, Load, OnNodes, PersistentLoad
 from ..mechanics.restart_state import initial_restart_state
 from ..model.structure import Structure
 from ..programs.traced_function import evaluate_at_once
@@ -34,7 +34,7 @@ def load_resultants(
     nodes = jnp.asarray(structure.nodes)
     nodes = nodes if rows is None else nodes[rows.node_of_row]
     bare = [load.load if isinstance(load, Varying) else load for load in loads]
-    acting = [x.with_group_numbers(structure) if isinstance(x, Acting) else x for x in bare]
+    acting = [x.with_group_indices(structure) if isinstance(x, PersistentLoad) else x for x in bare]
 
     def sums(groups, acting, nodes, present):
         groups, acting = merge_indices(*split_indices((groups, acting)))
@@ -49,10 +49,10 @@ def load_resultants(
             forces = jnp.full((1, 3), jnp.nan)
             if isinstance(load, OnNodes):
                 forces = load.nodal_forces((len(nodes), structure.space.n_freedom), nodes.dtype)
-            elif isinstance(load, Dead):
+            elif isinstance(load, DeadLoad):
                 shape = len(nodes), structure.space.n_freedom
                 forces = load.element_forces(groups, states, nodes, shape, nodes.dtype)
-            elif isinstance(load, Following):
+            elif isinstance(load, FollowerLoad):
                 forces = load.following_forces(groups, states, nodes, nodes)
             found.append(forces[:, :3].sum(axis=0))
         return jnp.stack(found)

@@ -20,7 +20,7 @@ from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState
 from ..numerics import implicit
 from ..numerics.implicit_root import with_deferred_derivative
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.translations import append_low_part, drop_low_part, has_low_part
 from .phase_results import LOG_COLUMNS, Path
 from .results import fields_of_element_results
@@ -40,7 +40,7 @@ class ConvergedPoints(NamedTuple):
 
 
 class PhaseOutcome(NamedTuple):
-    """What a phase ends with; an increment is called good if it has converged.
+    """Outcome of one phase; an increment is called good if it has converged.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
@@ -114,7 +114,7 @@ def run_phase(
     valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
     restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
     path, counts = _make_path(outputs, xs[..., :3], good, good | ~live)
-    motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
+    motion = space_class(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
     if not isinstance(method, Newton):
@@ -181,7 +181,7 @@ def _solve_by_newton(
             last_output = copy_with(last_output, by_name=results)
         else:
             seen, _, memory, x = _replay_increments(ramp, factors, xs, good, True)
-            last_output = _entry_of_last_good(seen, good)
+            last_output = _entry_of_last_converged(seen, good)
         point = x, x, None
         if differentiate_path:
             seen, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
@@ -285,10 +285,10 @@ def _replay_to_end(problem):
     """
     ramp, factors, xs, good = merge_indices(*problem)
     seen, _, memory, last = _replay_increments(ramp, factors, xs, good, True)
-    return last, memory, _entry_of_last_good(seen, good).by_name
+    return last, memory, _entry_of_last_converged(seen, good).by_name
 
 
-def _entry_of_last_good(stacked, good):
+def _entry_of_last_converged(stacked, good):
     """Return the entry of the last converged increment of a pytree of arrays [n_inc, ...].
 
     `good` says which increments have converged, [n_inc] bool; the first entry if none has.

@@ -13,15 +13,16 @@ import numpy as np
 
 from ..common import checks
 from ..common.tree import index_field
-from ..elements.abilities import Secant
+from ..elements.abilities import SecantStiffness
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import as_list
-from ..loads.load import Acting, Following, Moving, OnNodes
+from ..loads.load import FollowerLoad, OnNodes, PersistentLoad, PrescribedMovement
 from ..loads.varying import Varying, split_amplitude
-from ..model import phase_plausibility, spins
+from ..model import phase_plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
+from ..model.torsional_mechanisms import warn_of_torsional_mechanisms
 from .phases import Phase
 from .solution import Solution, State
 
@@ -45,10 +46,10 @@ def check_method(structure: Structure, method: Any) -> Newton | Incremental:
         )
     if _is_secant(method):
         for where, group in structure.named_groups():
-            if not isinstance(group, Secant):
+            if not isinstance(group, SecantStiffness):
                 raise ValueError(
                     f'stiffness = "secant": elements{where} ({type(group).__name__}) has no secant '
-                    'stiffness (ability `Secant`); use "tangent"'
+                    'stiffness (ability `SecantStiffness`); use "tangent"'
                 )
     return method
 
@@ -84,7 +85,7 @@ def refuse_secant_with_followers(
     for k, phase in enumerate(phases):
         for j, given in enumerate(as_list(phase.loads)):
             base: Any = given.load if isinstance(given, Varying) else given
-            if isinstance(base, Following):
+            if isinstance(base, FollowerLoad):
                 where = where or f"phases[{earlier + k}].loads[{j}]"
     if where is not None:
         raise ValueError(
@@ -122,11 +123,11 @@ def check_loads(
             given.check(structure)
             _require_known_nodes(given, structure)
             load, amplitude = split_amplitude(given, label, phase.increments)
-            if isinstance(load, Moving):
+            if isinstance(load, PrescribedMovement):
                 load.check_supported(fixed)
-            if isinstance(load, Acting):
-                load = load.with_group_numbers(structure)
-        for pairs, kind in zip(found, (OnNodes, Moving, Acting), strict=True):
+            if isinstance(load, PersistentLoad):
+                load = load.with_group_indices(structure)
+        for pairs, kind in zip(found, (OnNodes, PrescribedMovement, PersistentLoad), strict=True):
             if isinstance(load, kind):
                 pairs.append((load, amplitude))
     return found
@@ -164,7 +165,7 @@ def before_phases(phases: Sequence[Phase]) -> Iterator[None]:
         _PHASES_TO_COME.reset(token)
 
 
-def known_loads(phases: Sequence[Phase]) -> list[Any]:
+def loads_of_all_phases(phases: Sequence[Phase]) -> list[Any]:
     """Return the loads of an analysis and of the phases that come after it (`before_phases`)."""
     every = *phases, *_PHASES_TO_COME.get()
     return [load for phase in every for load in as_list(phase.loads)]
@@ -179,7 +180,7 @@ def warn_of_free_ends(
     first phase and in each.
     """
     joined = [] if structure.rigid is None else [structure.rigid.array]
-    for given in known_loads(phases):
+    for given in loads_of_all_phases(phases):
         load: Any = given.load if isinstance(given, Varying) else given
         found = [index_field(load, name) for name in ("nodes", "faces")]
         if found[0] is None and isinstance(load, OnNodes):
@@ -209,7 +210,7 @@ def check_supports(
         with prefix_errors(f"phases[{earlier + k}]."):
             sets.append(_fixed_in_phase(structure, phase.supports))
         if structure.space.rotates:
-            spins.warn_of_free_spins(structure, sets[-1], f"phases[{earlier + k}].supports")
+            warn_of_torsional_mechanisms(structure, sets[-1], f"phases[{earlier + k}].supports")
     if all(fixed.axes is None for fixed in sets):
         return sets
     sets = [fixed.with_directions() for fixed in sets]

@@ -25,7 +25,7 @@ from .phase_results import PhaseResult, PhaseResults
 from .preparation import complete_input, traced_input_status
 from .results import map_element_fields, result_fields
 from .solution import Solution
-from .states import LastConvergedIncrement, make_state, system_at_last
+from .states import LastConvergedIncrement, make_state, system_at_last_converged
 
 
 @functools.partial(as_program, static=("differentiate_path", "listen", "bundles", "alone"))
@@ -143,13 +143,13 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
     `frame` is (nodes, groups); `evaluates` says whether factors and outputs of elements are handed
     from phase to phase.
     """
-    reached = LastConvergedIncrement.before_first(schedule, frame[0].dtype)
+    reached = LastConvergedIncrement.before_first_increment(schedule, frame[0].dtype)
     factored = last_output = None
     if evaluates:
         factored = linear.no_factored_matrix(schedule.dof_map.pattern, frame[0].dtype)
         last_output = _zeros_like_result(
             lambda: evaluate_output(
-                system_at_last(frame, restart, reached, schedule), restart.motion
+                system_at_last_converged(frame, restart, reached, schedule), restart.motion
             )
         )
     start = restart.with_factors_alone()
@@ -183,7 +183,7 @@ def _split_bundles(bundles, part, axis=0):
 
 @pytree
 class _LoopState:
-    """What the loop over the phases hands from one phase to the next.
+    """State of the loop over the phases between two phases.
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.

@@ -187,9 +187,9 @@ class PhaseResults(Sequence[PhaseResult]):
         return len(self.increments)
 
     @overload
-    def __getitem__(self, number: int) -> PhaseResult: ...
+    def __getitem__(self, number: int) -> PhaseResult: ...  # one phase, from 0 or from the end
     @overload
-    def __getitem__(self, number: slice) -> tuple[PhaseResult, ...]: ...
+    def __getitem__(self, number: slice) -> tuple[PhaseResult, ...]: ...  # several phases
     def __getitem__(self, number):
         if isinstance(number, slice):
             return tuple(self[k] for k in range(*number.indices(len(self))))

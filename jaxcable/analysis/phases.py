@@ -13,15 +13,15 @@ from ..common import checks
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
-from ..elements.abilities import STATEMENTS
-from ..elements.prestress import StatedValues
+from ..elements.abilities import PHASE_INPUTS
+from ..elements.prestress import InputValues
 from ..loads import as_list
 from ..loads.load import Load
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .statements import ABSOLUTE_STATEMENTS as ABSOLUTE_STATEMENTS
-from .statements import CLASS_STATEMENTS, check_statements
-from .statements import INCREMENTAL_STATEMENTS as INCREMENTAL_STATEMENTS
+from .phase_inputs import ABSOLUTE_INPUTS as ABSOLUTE_INPUTS
+from .phase_inputs import CLASS_INPUTS, check_phase_inputs
+from .phase_inputs import INCREMENTAL_INPUTS as INCREMENTAL_INPUTS
 
 PLACEMENTS = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
@@ -35,12 +35,12 @@ class Phase:
 
     Loads with an amplitude are scaled by a function of the load factor (`Varying`).
 
-    A statement of prestress is a scalar (for all bars and cables; for beams only if there are no
+    A prestress input is a scalar (for all bars and cables; for beams only if there are no
     bars and cables, or for a temperature if they have an `expansion`), an array [n_elem],
     ``only(elements, values)`` for some elements of a group, or these by group, in the shape of the
     structure's elements: ``{"guys": 10e3}``. Groups that a dict leaves out, or that have None, have
-    no statement. Elements of your own may take several numbers each, [n_elem, n_component], such as
-    along warp and weft (`elements.abilities.Prestressable`). Absolute statements refer to the
+    no input. Elements of your own may take several numbers each, [n_elem, n_component], such as
+    along warp and weft (`elements.abilities.Prestressable`). Absolute inputs refer to the
     initial nodes; an element has one at most:
 
     - pretension: axial force in the initial geometry, N. In equilibrium it is another one, less
@@ -55,7 +55,7 @@ class Phase:
       force in equilibrium. At the end of the phase the jack is anchored: the unstressed length is
       locked in, and the force follows later loads. For catenaries the same as `end_tension`.
 
-    As-built statements hold in equilibrium, at the end of this phase, with all loads and
+    As-built inputs hold in equilibrium, at the end of this phase, with all loads and
     temperatures that there are then, wherever nodes have moved to. The unstressed length with which
     this is so is found by Newton's method, which analyses the phases some times; the phase applies
     it as it does a prestrain, and later phases keep it:
@@ -68,28 +68,28 @@ class Phase:
     - built_sag: of catenaries with a weight, vertical distance below the chord at midspan, m, under
       all loads along the cable (`results.sags`).
 
-    Increments may be combined with absolute statements, and those of all phases add:
+    Increments may be combined with absolute inputs, and those of all phases add:
 
     - shortening: by how much a turnbuckle shortens the unstressed length, m.
     - temperature: change of the temperature, K; the group needs `expansion`.
 
     Changes of temperature lengthen an element to ``L (1 + expansion sum(dt))``, where L is its
     unstressed length at the temperature before the first phase, or at that of the phase that adds
-    it: it has seen only changes from this phase on. Within a phase the absolute statement comes
-    first, then the shortening, then the temperature. An absolute statement holds at the temperature
-    that the element has then, and replaces all earlier statements and shortenings. The element
+    it: it has seen only changes from this phase on. Within a phase the absolute input comes
+    first, then the shortening, then the temperature. An absolute input holds at the temperature
+    that the element has then, and replaces all earlier inputs and shortenings. The element
     stays as warm as it was: cooled again, it is shorter than stated. A shortening is measured at
     the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
-    Classes of elements that you write may know further statements (`elements.statement.Statement`),
+    Classes of elements that you write may know further inputs (`elements.phase_input.PhaseInput`),
     such as the friction of a saddle: ``own={"friction": {"saddles": 0.1}}``. They are numbers,
     given in the same ways; the class says whether they are ramped, and how long they last.
 
-    A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
-    element that is not there, or a statement for a group without any that is, raises ValueError,
+    An input acts on elements that are there (see `adds`). ``only(elements, values)`` for an
+    element that is not there, or an input for a group without any that is, raises ValueError,
     or ends in INVALID_INPUT where the masks are traced. One number for the structure or a group is
     for those that are there. So is an array; a warning says if a phase adds an element, without a
-    statement, that an array before has had a number for.
+    input, that an array before has had a number for.
 
     Args:
         loads: one load or a list; they add to those of earlier phases, which go on acting.
@@ -99,7 +99,7 @@ class Phase:
         increments: number of equal steps of the load factor.
         adds: elements that are there from this phase on, and not before: keys of groups, or a
             `Selection` or booleans [n_elem] by group. An element is unstressed where it finds its
-            ends, unless it has a `rest_length` or a statement, whose geometry is that of
+            ends, unless it has a `rest_length` or an input, whose geometry is that of
             the structure's nodes. What no phase of an analysis adds is there from its beginning: an
             analysis of the first stages alone has to remove in its first phase what comes later.
             An empty list means None.
@@ -113,8 +113,8 @@ class Phase:
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
             that their first element joins them to, as if rigidly, with its rotation.
-        own: statements of your own classes of elements: ``{"friction": {"saddles": 0.1}}``; each
-            in the unit of what is stated, that of its `Statement`.
+        own: inputs of your own classes of elements, by name: ``{"friction": {"saddles": 0.1}}``;
+            each in the unit of what is stated, that of its `PhaseInput`.
         tension_at: where `end_tension` and the `jacking` of catenaries are: at the "lower" or the
             "upper" end of each element in the geometry as drawn (of ends at one level the first is
             the lower one), or at its "first" or "second" end, in the order of its nodes.
@@ -126,8 +126,8 @@ class Phase:
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
             `supports` is no `Supports`, `placed` is unknown; in an analysis, two absolute
-            statements for one element, a value that an element cannot take, a statement of `own`
-            that no element knows, elements that are added twice. The message names statement and
+            inputs for one element, a value that an element cannot take, an input of `own`
+            that no element knows, elements that are added twice. The message names input and
             element.
 
     Example:
@@ -200,42 +200,42 @@ class Phase:
             kind = checks.describe_type(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
-        self._check_own_statements()
-        for name, given in all_statements(self).items():
+        self._check_own_inputs()
+        for name, given in all_phase_inputs(self).items():
             for leaf in jax.tree.leaves(given):
                 checks.as_floats(leaf, name)
 
-    def _check_own_statements(self):
+    def _check_own_inputs(self):
         """Raise ValueError unless `own` is a dict whose names are no other arguments of `Phase`."""
         if self.own is not None and not isinstance(self.own, Mapping):
             kind = checks.describe_type(self.own, '{"friction": values}')
-            raise ValueError(f"own: expected a dict of statements by name, got {kind}")
+            raise ValueError(f"own: expected a dict of inputs by name, got {kind}")
         fields = {field.name for field in dataclasses.fields(self)}
         for name in self.own or ():
             if name in fields:
                 raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
 
-    def statements(self, structure: Structure, where: str = "") -> list[dict[str, StatedValues]]:
+    def inputs(self, structure: Structure, where: str = "") -> list[dict[str, InputValues]]:
         """Check what the phase states of elements, such as pretension, and assign it to the groups.
 
-        Messages begin with `where`, such as "phases[0].", and the name of the statement.
+        Messages begin with `where`, such as "phases[0].", and the name of the input.
 
         Returns:
-            For every group a dict from the name of a statement to `StatedValues`.
+            For every group a dict from the name of an input to `InputValues`.
         """
-        return check_statements(all_statements(self), structure, where)
+        return check_phase_inputs(all_phase_inputs(self), structure, where)
 
 
-def all_statements(phase: Phase) -> dict[str, Any]:
+def all_phase_inputs(phase: Phase) -> dict[str, Any]:
     """Return what a phase states of elements, as given: a dict by name (pretension, ..., `own`)."""
-    names = (*ABSOLUTE_STATEMENTS, *INCREMENTAL_STATEMENTS, *CLASS_STATEMENTS)
+    names = (*ABSOLUTE_INPUTS, *INCREMENTAL_INPUTS, *CLASS_INPUTS)
     fields = {name: getattr(phase, name) for name in names}
     return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
 
 
-def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
-    """Return a copy of a phase with another value of pretension or another statement `name`."""
-    if name in (*STATEMENTS, *CLASS_STATEMENTS):
+def with_phase_input(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
+    """Return a copy of a phase with another value of pretension or another input `name`."""
+    if name in (*PHASE_INPUTS, *CLASS_INPUTS):
         return replace(phase, **{name: given})
     return replace(phase, own={**(phase.own or {}), name: given})
 

@@ -31,7 +31,7 @@ from ..model.structure import Structure, position_rules
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
 from ..programs.program_calls import as_program
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import make_dof_map, with_assembly_maps
 from .absent_elements import refuse_absent_elements, warn_of_idle_loads
 from .activation import attached_placement_mask, make_activation
@@ -39,16 +39,16 @@ from .phase_checks import (
     check_loads,
     check_method,
     check_supports,
-    known_loads,
+    loads_of_all_phases,
     refuse_secant_with_followers,
     warn_of_free_ends,
     without_amplitudes,
 )
+from .phase_inputs import depends_on_weight, end_tensions_as_jacking
 from .phases import Phase, as_phases
-from .prestress_rules import statements_keep_rules
-from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
+from .prestress_rules import phase_inputs_keep_rules
+from .schedule import Schedule, number_unknowns_by_phase, stack_nodal_loads, stack_phase_inputs
 from .solution import Solution, State
-from .statements import concerns_weight, end_tensions_as_jacks
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -111,17 +111,15 @@ def prepare(
     plausibility.warn_of_lost_precision(structure.nodes)
     restart, code, fixed = _starting_point(structure, start)
     rows, groups = structure.motion_rows()
-    bundles = _bundles_of(structure)
+    bundles = _make_bundles(structure)
     sets = check_supports(structure, phases, fixed, earlier)
     loads = [
         check_loads(structure, phase, held, f"phases[{earlier + k}]")
         for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    statements = [
-        phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
-    ]
-    stated = stack_statements([end_tensions_as_jacks(structure, x) for x in statements], bundles)
+    inputs = [phase.inputs(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)]
+    stated = stack_phase_inputs([end_tensions_as_jacking(structure, x) for x in inputs], bundles)
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
     followed = restart is not None and any(stack.follows for stack in restart.loads)
@@ -134,24 +132,24 @@ def prepare(
     )
     idle = attached = None
     if presence is not None:
-        presence = refuse_absent_elements(structure, phases, statements, presence, earlier)
+        presence = refuse_absent_elements(structure, phases, inputs, presence, earlier)
         warn_of_idle_loads(without_amplitudes(along), presence, earlier)
         presence, attached = presence.on_bundles(bundles), attached_placement_mask(phases)
         idle = presence.inactive_dofs(structure, bundled)
-    _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
-    if any(concerns_weight(phase) for phase in phases):
-        loads_known = [*known_loads(phases), *(stack.load for stack in everything)]
+    _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlier)
+    if any(depends_on_weight(phase) for phase in phases):
+        loads_known = [*loads_of_all_phases(phases), *(stack.load for stack in everything)]
         weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     if restart is None:
         warn_of_free_ends(structure, phases, sets)
-    dof_map, changes, before = number_phases(sets, numbered, idle)
-    nodes = structure.nodes if rows is None else _take_rows(structure.nodes, rows.node_of_row)
+    dof_map, changes, before = number_unknowns_by_phase(sets, numbered, idle)
+    nodes = structure.nodes if rows is None else _select_rows(structure.nodes, rows.node_of_row)
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     present: Any = None if presence is None else presence.present
     stacked = PhaseData(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stated,
+        inputs=stated,
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
         moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=changes,  # type: ignore[arg-type]  # fields of it, see `Schedule`
@@ -175,7 +173,7 @@ def prepare(
 
 
 @as_program
-def _take_rows(nodes, rows):
+def _select_rows(nodes, rows):
     """Return ``nodes[rows]``, [n_row, 3], m.
 
     It is a program, since XLA would compile each operation of its derivative.
@@ -183,7 +181,7 @@ def _take_rows(nodes, rows):
     return nodes[rows]
 
 
-def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier):
+def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlier):
     """Warn of nodal loads that strain elements a lot, and of phases in which nothing can move.
 
     `loads` are as of `check_loads`, by phase; `sets` and `idle` (or None) are held and inactive
@@ -193,7 +191,7 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
     for k, phase in enumerate(phases):
         nodal, movements, along = loads[k]
         moving, mask = along or movements, sets[k + 1].array
-        alone = not (moving or any(statements[k])) and phase.supports is None
+        alone = not (moving or any(inputs[k])) and phase.supports is None
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
         peaks = [scale_to_peak(*pair) for pair in nodal]
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
@@ -202,9 +200,9 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, ea
 
 
 @computed_once
-def _bundles_of(structure):
+def _make_bundles(structure):
     """Return which groups of a structure are evaluated together; numbers do not matter."""
-    return Bundles.of(structure.motion_rows()[1])
+    return Bundles.from_groups(structure.motion_rows()[1])
 
 
 def _numbering_function(structure, method, stacks, groups, bundles, convex):
@@ -282,7 +280,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
         states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
         restart = copy_with(restart, states=states)
     if restart.support_rotation is None and schedule.dof_map.axes is not None:
-        restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
+        restart = copy_with(restart, support_rotation=space_class(groups).rotations(restart.motion))
     begun = nodes + restart.motion[:, :3]
     loads = [*restart.loads, *(stack.before_phases(begun) for stack in schedule.loads)]
     loads = loads if bundles.are_groups else [stack.on_bundles(bundles) for stack in loads]
@@ -334,9 +332,9 @@ def traced_input_status(
     good = jnp.broadcast_to(structure_ok & are_rules_kept(collect_rules(others)), len(schedule))
     if schedule.is_consistent is not None:
         good = good & schedule.is_consistent
-    if jax.tree.leaves(phases.statements):
-        keep_rules = jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))
-        good = good & keep_rules(phases.statements)
+    if jax.tree.leaves(phases.inputs):
+        keep_rules = jax.vmap(lambda own: phase_inputs_keep_rules(own, groups, nodes))
+        good = good & keep_rules(phases.inputs)
     for added in (phases.added_load, phases.moved):
         if added is not None and added.amplitude is not None:
             good = good & jax.vmap(lambda own: are_rules_kept(own.rules()))(added.amplitude)

@@ -1,4 +1,4 @@
-"""Rules for what a phase states of elements, called statements, such as a pretension.
+"""Rules for phase inputs: what a phase gives for elements, such as a pretension.
 
 They concern signs, what laws can carry, and spans with a midspan.
 """
@@ -12,10 +12,10 @@ import numpy as np
 
 from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import STATEMENTS, Sagging, statements_of
+from ..elements.abilities import PHASE_INPUTS, Hanging, accepted_inputs
 from ..elements.element import Element
+from ..elements.phase_input import InputValues
 from ..elements.prestress import call_each_element
-from ..elements.statement import StatedValues
 
 _TENSIONS = ("pretension", "force_density", "jacking", "end_tension")
 
@@ -26,8 +26,8 @@ _AT_MIDSPAN = {
 }
 
 
-def statements_keep_rules(
-    statements: Sequence[dict[str, StatedValues]],
+def phase_inputs_keep_rules(
+    inputs: Sequence[dict[str, InputValues]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
@@ -37,21 +37,21 @@ def statements_keep_rules(
     force is within the capacity of the material.
 
     Args:
-        statements: for every group a dict from name (pretension, ...) to `StatedValues`.
+        inputs: for every group a dict from name (pretension, ...) to `InputValues`.
         groups: element groups, before `extrapolated`.
         nodes: initial positions of the rows, [n_row, 3].
     """
     rules = []
-    for group, own in zip(groups, statements, strict=True):
+    for group, own in zip(groups, inputs, strict=True):
         capacity = functools.partial(call_each_element, "capacity", group)
         for name, stated in own.items():
-            rules += statement_rules(name, stated, group, nodes, capacity)
+            rules += phase_input_rules(name, stated, group, nodes, capacity)
     return are_rules_kept(rules)
 
 
-def statement_rules(
+def phase_input_rules(
     name: str,
-    stated: StatedValues,
+    stated: InputValues,
     group: Element,
     nodes: Float[ArrayLike, "n_row 3"],
     capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
@@ -60,7 +60,7 @@ def statement_rules(
     """Return all rules of what a phase states of a group, for the elements that it concerns.
 
     Args:
-        name: name of the statement, such as "pretension".
+        name: name of the input, such as "pretension".
         stated: its values for the elements of the group.
         group: element group.
         nodes: initial positions, [n_row, 3].
@@ -68,7 +68,7 @@ def statement_rules(
         path: how a user writes it, for messages: ``phases[0].pretension['guys']``.
     """
     path = path or name
-    rules = value_rules(name, stated.values, group, path)
+    rules = sign_rules(name, stated.values, group, path)
     if np.ndim(stated.values) < 2:  # a law of one strain says nothing of several components
         rules += capacity_rules(name, stated.values, group, capacity, path)
         rules += span_rules(name, group, nodes, path)
@@ -87,12 +87,15 @@ def _restrict_to_elements(rule, chosen):
     return rule._replace(broken=broken)
 
 
-def value_rules(
+def sign_rules(
     name: str, values: Float[ArrayLike, " ..."], group: Element, path: str
 ) -> list[Rule]:
-    """Return the rules on sign and size of `values` of a statement; others as `statement_rules`."""
-    if name not in STATEMENTS:
-        return [rule(path, values) for rule in statements_of(group)[name].rules]
+    """Return the rules on sign and size of the values of a phase input.
+
+    Arguments are those of `phase_input_rules`; `values` are numbers, one for each element or one.
+    """
+    if name not in PHASE_INPUTS:
+        return [rule(path, values) for rule in accepted_inputs(group)[name].rules]
     if name == "rest_length":
         return [positive(path, values, "an unstressed length must be positive")]
     if name == "prestrain":
@@ -100,7 +103,7 @@ def value_rules(
     if name in ("sag", "built_sag"):
         text = "a sag must be positive; a straight cable has no length of its own"
         return [positive(path, values, text)]
-    hangs = isinstance(group, Sagging)
+    hangs = isinstance(group, Hanging)
     if name == "horizontal_tension" or (hangs and name in ("jacking", "end_tension")):
         text = "must be positive: a cable that hangs has a tension"
         return [positive(path, values, text)]
@@ -119,7 +122,7 @@ def span_rules(
     """Return the rule that spans with a stated sag have a middle: no node lies above the other.
 
     The same holds for a stated horizontal tension, which needs a horizontal direction. The list is
-    empty for other statements. Arguments are those of `statement_rules`.
+    empty for other inputs. Arguments are those of `phase_input_rules`.
     """
     if name not in _AT_MIDSPAN:
         return []
@@ -148,7 +151,7 @@ def capacity_rules(
 ) -> list[Rule]:
     """Return the rule that the law of a group can carry stated forces `values`, [n_elem], N.
 
-    The list is empty where no force is stated. Other arguments are those of `statement_rules`.
+    The list is empty where no force is stated. Other arguments are those of `phase_input_rules`.
     """
     if name not in ("pretension", "jacking", "end_tension") or not group.has_rupture:
         return []

@@ -59,7 +59,7 @@ def attach_recalled_derivative(
     return tree.unflatten(leaves)
 
 
-def known_arguments(core: PyTree[Any]) -> PyTree[Any] | None:
+def arguments_if_known(core: PyTree[Any]) -> PyTree[Any] | None:
     """Return the arguments `core` of an analysis as known numbers, without derivatives.
 
     None if no derivative is being taken, or if it is taken within `jit`, where none are known.

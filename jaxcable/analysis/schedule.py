@@ -1,7 +1,7 @@
 """The phases of an analysis as arrays, stacked on the host: one program serves for all phases.
 
 What one phase has is also there in the arrays of the others, without effect: loads of zero,
-statements (such as a pretension) that concern no element, unknowns that are free in another phase
+inputs (such as a pretension) that concern no element, unknowns that are free in another phase
 and held in this one. What no phase has is absent.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from ..common.tree import copy_with, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from ..loads.load import Load
 from ..loads.varying import Amplitude, stack_amplitudes
 from ..mechanics.bundles import Bundles
@@ -79,34 +79,34 @@ class Schedule:
         return self.complete(jax.tree.map(lambda x: x[k], self.phases))
 
 
-def stack_statements(
-    statements: Sequence[Sequence[dict[str, StatedValues]]], bundles: Bundles
-) -> list[dict[str, StatedValues]]:
-    """Stack what all phases state of elements: per bundle a dict from name to `StatedValues`.
+def stack_phase_inputs(
+    inputs: Sequence[Sequence[dict[str, InputValues]]], bundles: Bundles
+) -> list[dict[str, InputValues]]:
+    """Stack what all phases state of elements: per bundle a dict from name to `InputValues`.
 
-    The arrays get an axis [n_phase]. In phases without the statement they concern no element, and
+    The arrays get an axis [n_phase]. In phases without the input they concern no element, and
     of a bundle (groups evaluated as one) no element of the groups without it.
 
     Args:
-        statements: for every phase a list with a dict for every group.
+        inputs: for every phase a list with a dict for every group.
         bundles: which groups are evaluated together.
     """
     found = []
     for groups in bundles.group_indices:
-        names = dict.fromkeys(n for phase in statements for k in groups for n in phase[k])
+        names = dict.fromkeys(n for phase in inputs for k in groups for n in phase[k])
         sizes = [bundles.sizes[k] for k in groups]
         of_bundle = {}
         for name in names:
-            parts = [[phase[k].get(name) for k in groups] for phase in statements]
-            of_bundle[name] = _stack_statement(parts, sizes)
+            parts = [[phase[k].get(name) for k in groups] for phase in inputs]
+            of_bundle[name] = _stack_phase_input(parts, sizes)
         found.append(of_bundle)
     return found
 
 
-def _stack_statement(parts, sizes):
-    """Return `StatedValues` [n_phase, n_elem, ...] of `parts`, for every phase a list by group.
+def _stack_phase_input(parts, sizes):
+    """Return `InputValues` [n_phase, n_elem, ...] of `parts`, for every phase a list by group.
 
-    Each item is `StatedValues` or None; `sizes` are the numbers of elements of the groups.
+    Each item is `InputValues` or None; `sizes` are the numbers of elements of the groups.
     """
     every = [part for phase in parts for part in phase]
     several = next(np.shape(part.values)[1:] for part in every if part is not None)
@@ -114,15 +114,15 @@ def _stack_statement(parts, sizes):
     def filled(stated, count):
         if stated is not None:
             return stated
-        return StatedValues(np.zeros((count, *several)), np.zeros(count, bool))
+        return InputValues(np.zeros((count, *several)), np.zeros(count, bool))
 
     rows = [list(map(filled, phase, sizes)) for phase in parts]
     joined = [[own.values for own in row] for row in rows]
     values = stack_trees([x[0] if len(x) == 1 else concatenate(x) for x in joined])
     if all(part is not None and part.chosen is None for part in every):
-        return StatedValues(values)
+        return InputValues(values)
     masks = [np.concatenate([own.element_mask() for own in row]) for row in rows]
-    return StatedValues(values, np.stack(masks))
+    return InputValues(values, np.stack(masks))
 
 
 def stack_nodal_loads(
@@ -145,7 +145,7 @@ def stack_nodal_loads(
     zero = np.zeros(shape, dtype)
 
     def total(some):
-        arrays = [_array_of_load(load, method, zero) for load, own in some if own is None]
+        arrays = [_load_array(load, method, zero) for load, own in some if own is None]
         return functools.reduce(operator.add, arrays) if arrays else zero
 
     sums = [total(some) for some in loads]
@@ -155,7 +155,7 @@ def stack_nodal_loads(
         return NodalIncrement(stack_trees(sums))
     values, amplitudes = [], []
     for proportional, some in zip(sums, varying, strict=True):
-        arrays = [_array_of_load(load, method, zero) for load, _ in some]
+        arrays = [_load_array(load, method, zero) for load, _ in some]
         padding = most - len(some)  # with loads of zero
         values.append(stack_trees([proportional, *arrays, *[zero] * padding]))
         amplitudes += [None, *(own for _, own in some), *[None] * padding]
@@ -165,7 +165,7 @@ def stack_nodal_loads(
     )
 
 
-def _array_of_load(load, method, zero):
+def _load_array(load, method, zero):
     """Return the array that a `method` of a load, by its name, gives in shape and dtype of `zero`.
 
     ValueError, which names load and method, if an index of the load is out of range.
@@ -179,7 +179,7 @@ def _array_of_load(load, method, zero):
         ) from error
 
 
-def number_phases(
+def number_unknowns_by_phase(
     sets: Sequence[FixedDofs],
     numbered: Callable[[FixedDofs], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
@@ -207,9 +207,9 @@ def number_phases(
         changes["temporarily_fixed"] = changes["fixed"].reshape(len(now), -1)[
             :, np.asarray(dof_map.free)
         ]
-        spins = _stack_free_spins([fixed.spins for fixed in now])
-        if spins is not None:
-            changes["free_spins"] = spins
+        mechanisms = _stack_torsional_mechanisms([fixed.mechanisms for fixed in now])
+        if mechanisms is not None:
+            changes["torsional_mechanisms"] = mechanisms
     if idle is not None:
         before = _stack_fixed(was)
         held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
@@ -225,19 +225,19 @@ def _stack_fixed(sets):
     return held
 
 
-def _stack_free_spins(spins):
-    """Stack the `FreeSpins` of all phases (or None), padded to equal size; None if all are None.
+def _stack_torsional_mechanisms(by_phase):
+    """Stack the `TorsionalMechanisms` of all phases, padded to equal size; None without any.
 
     Returns:
         Their `rows`, `piece` (-1 in padding) and `ends`, each with an axis [n_phase].
     """
-    found = [some for some in spins if some is not None]
+    found = [some for some in by_phase if some is not None]
     if not found:
         return None
     m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
-    rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
-    ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
-    for k, some in enumerate(spins):
+    rows, piece = np.zeros((len(by_phase), m), np.int32), np.full((len(by_phase), m), -1, np.int32)
+    ends = np.tile(found[0].ends[:1], (len(by_phase), pieces, 1))  # padding: any line will do
+    for k, some in enumerate(by_phase):
         if some is not None:
             rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
             ends[k, : len(some.ends)] = some.ends

@@ -27,7 +27,7 @@ from .phases import Phase
 from .preparation import prepare
 from .recalled_derivative import recalled_results
 from .solution import Solution, State
-from .states import arrange_solution
+from .states import as_user_solution
 
 _MAX_DIRECTIONS = 32
 """Largest number of directions in one run of the program: their results are in memory together."""
@@ -122,7 +122,7 @@ class MeasuredAnalysis:
             paths = implicit.with_nan_derivative(phases.paths, floats)
             changed = copy_with(back(floats), paths=paths)
             whole = copy_with(solution, phases=changed)
-            return self.measure(arrange_solution(self.structure, whole, self._task))
+            return self.measure(as_user_solution(self.structure, whole, self._task))
 
         found, push = jax.linearize(value, floats)
         return found, jax.vmap(push)(changes)

@@ -28,7 +28,7 @@ class State(Results):
     In the middle of a phase, at the load factor f:
 
     - Loads of the phase act, and its movements of supports have taken place, by f.
-    - Statements of prestress and changes of temperature have gone the part f of the way: every
+    - Inputs of prestress and changes of temperature have gone the part f of the way: every
       unstressed length is between those at the beginning and at the end of the phase.
     - A jack has the force between that at the beginning of the phase and the stated one. It is
       anchored: `rest_length` and `restart` have the unstressed length that gives this force here.

@@ -17,9 +17,9 @@ from .as_built import topples_under_jacks, with_lengths_as_built
 from .phase_loop import analyse
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import attach_recalled_derivative, known_arguments
+from .recalled_derivative import arguments_if_known, attach_recalled_derivative
 from .solution import Solution, State
-from .states import arrange_solution
+from .states import as_user_solution
 
 
 def solve(
@@ -94,7 +94,7 @@ def solve(
         task = task._replace(code=_first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
-    known = known_arguments(core) if iterates else None
+    known = arguments_if_known(core) if iterates else None
     solution, points = analyse(
         *(known or core),
         differentiate_path=differentiate_path,
@@ -117,7 +117,7 @@ def solve(
     plausibility.warn_of_collapse(solution, jacked, task.fixed[-1].array)
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task.bundles)
-    return arrange_solution(structure, solution, task)
+    return as_user_solution(structure, solution, task)
 
 
 _first_failure = as_program(first_failure)

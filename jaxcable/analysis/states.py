@@ -40,7 +40,7 @@ class LastConvergedIncrement:
     held: dict[str, Array]
 
     @classmethod
-    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
+    def before_first_increment(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
         """Return the value before the first increment: number -1, load factor 0."""
         held: Any = schedule.phases.dof_map_before or {}
         first = {name: value[0] for name, value in held.items()}
@@ -56,7 +56,7 @@ class LastConvergedIncrement:
         return select_tree(factor > 0, new, self)
 
 
-def system_at_last(
+def system_at_last_converged(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
     restart: RestartState,
     reached: LastConvergedIncrement,
@@ -85,7 +85,7 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
         last_output: `ElementOutput` of this motion; None: it is evaluated.
     """
     nodes, groups = frame
-    system = system_at_last(frame, restart, reached, schedule)
+    system = system_at_last_converged(frame, restart, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
 
@@ -187,8 +187,8 @@ def without_extra_rows(structure: Structure, part: Part, per_node: Sequence[str]
     return copy_with(part, **{name: of_nodes(getattr(part, name)) for name in per_node})
 
 
-def arrange_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:
-    """Return the solution for the user: results in the shape of `elements`, topology put back.
+def as_user_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:
+    """Return the solution for the user: results in the shape of `elements`, node numbers restored.
 
     Args:
         structure: `Structure`.

@@ -34,7 +34,7 @@ def u_torsion(h: float, b: float, tw: float, tf: float, r: float) -> float:
     `tf` is the mean thickness of a flange.
     """
     plates = 2 / 3 * b * tf**3 + (h - 2 * tf) * tw**3 / 3
-    return plates + 2 * _corner_term(tw, tf, r) - 0.42 * tf**4
+    return plates + 2 * _corner_constant(tw, tf, r) - 0.42 * tf**4
 
 
 def l_torsion(a: float, t: float, r: float) -> float:
@@ -59,7 +59,7 @@ def rectangular_torsion(h: float, b: float, t: float, outer: float, inner: float
     return t**3 * length / 3 + 4 * inside**2 * t / length
 
 
-def _corner_term(tw, tf, r):
+def _corner_constant(tw, tf, r):
     """Return what the disc inscribed in one corner of a U adds to its torsion constant, m4.
 
     `tw`, `tf` and `r` are as of `u_torsion`.

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..analysis.group_values import value_per_group
-from ..analysis.phases import ABSOLUTE_STATEMENTS, Phase
+from ..analysis.phases import ABSOLUTE_INPUTS, Phase
 from ..common import status
 from ..common.selection import Only
 from ..common.tree import replace
@@ -253,7 +253,7 @@ def _record_replaced_inputs(phases, own, table):
     The force density of the phase with index `own` is kept; None keeps none.
     """
     for k, phase in enumerate(phases):
-        for field in ABSOLUTE_STATEMENTS:
+        for field in ABSOLUTE_INPUTS:
             if getattr(phase, field) is not None and (field, k) != ("force_density", own):
                 why = "the prestress of the form replaces it"
                 table.add(field, f"phase {k + 1}", why)
@@ -283,7 +283,7 @@ def _phases_after_form(phases, remaining_loads):
                 "is that of all elements, and does not tell which of them are added again"
             )
         removed = removed or phase.removes is not None
-        gone = dict.fromkeys((*ABSOLUTE_STATEMENTS, "adds", *(("supports",) if k == 0 else ())))
+        gone = dict.fromkeys((*ABSOLUTE_INPUTS, "adds", *(("supports",) if k == 0 else ())))
         phase = replace(phase, **gone, loads=loads or None)
         names = [field.name for field in dataclasses.fields(phase)]
         if any(getattr(phase, n) is not None for n in names if n not in _SETTINGS):

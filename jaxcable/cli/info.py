@@ -24,7 +24,7 @@ from ..reporting.model_tables import property_table
 from ..reporting.phase_descriptions import (
     describe_activation,
     describe_loads,
-    describe_statements,
+    describe_phase_inputs,
 )
 from ..reporting.plain_text import table_text
 from ..reporting.table import common_scales, table_in_units
@@ -119,7 +119,7 @@ def _print_phase(number, phase, structure, presence, units):
     `presence` is the result of `make_activation`. Numbers are in `units`, None for SI.
     """
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
-    lines = describe_statements(phase, structure, units, name_others=True)
+    lines = describe_phase_inputs(phase, structure, units, name_others=True)
     lines += describe_loads(phase, structure, units)
     if phase.supports is not None:
         lines.append("new supports, which replace those before")

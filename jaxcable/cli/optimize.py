@@ -224,8 +224,8 @@ def _parametrize_pretension(structure, phase, name, options):
     where none is stated. Pretensions have the shape of the elements. With `options.same_in_group`
     there is one parameter for each group, otherwise one for each element.
     """
-    given = [statements.get(name) for statements in phase.statements(structure)]
-    if any(statement is not None and statement.chosen is not None for statement in given):
+    given = [inputs.get(name) for inputs in phase.inputs(structure)]
+    if any(phase_input is not None and phase_input.chosen is not None for phase_input in given):
         raise BadInput(f"{options.scene}: a {name} of only some elements cannot be optimized")
     values = [None if one is None else np.asarray(one.values, float) for one in given]
     if name == "force_density":

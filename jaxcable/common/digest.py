@@ -34,11 +34,11 @@ _WRAPPERS = *_METHODS[1:], types.MethodType, types.BuiltinFunctionType
 _WRAPPED = "__wrapped__", "__func__", "__self__", "fget", "fset", "func"
 
 
-def of_function(function: Callable[..., Any], *arguments: Any) -> str:
+def function_digest(function: Callable[..., Any], *arguments: Any) -> str:
     """Return a digest, 32 characters, of the program that jax traces of a function.
 
     It covers the function's jaxpr and the constants in it, so that a change of either changes the
-    digest. NumPy functions that the program calls on the host count as in `of_host_function`.
+    digest. NumPy functions that the program calls on the host count as in `host_function_digest`.
 
     Args:
         function: of pytrees of arrays, to a pytree of arrays.
@@ -49,7 +49,7 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     return _digest_of_words(_ObjectDescriber().describe([traced, names]))
 
 
-def of_equations(jaxpr: Any) -> str:
+def equations_digest(jaxpr: Any) -> str:
     """Return a digest of a jaxpr in this process, a text of 32 characters.
 
     It covers literals, shapes and parameters of all equations. Functions that jax calls later, such
@@ -58,7 +58,7 @@ def of_equations(jaxpr: Any) -> str:
     return _ObjectDescriber(of_process=True).describe(jaxpr)
 
 
-def of_host_function(function: Callable[..., Any]) -> str:
+def host_function_digest(function: Callable[..., Any]) -> str:
     """Return a digest of a NumPy function, which jax cannot trace, a text of 32 characters.
 
     It covers the function's code and all values that the code can reach: globals, functions and
@@ -74,7 +74,7 @@ def of_host_function(function: Callable[..., Any]) -> str:
         ) from None
 
 
-def of_arrays(tree: Any) -> str:
+def arrays_digest(tree: Any) -> str:
     """Return a digest of a pytree of arrays: paths, shapes, dtypes and values; 32 characters."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return _digest_of_words(
@@ -208,7 +208,7 @@ def _definition_parts(value) -> Iterator[Any]:
     """
     if isinstance(value, types.ModuleType):
         yield value.__name__  # attributes are parts of the functions that read them
-    elif isinstance(value, types.FunctionType | type) and is_of_library(value.__module__):
+    elif isinstance(value, types.FunctionType | type) and is_library_module(value.__module__):
         package = sys.modules.get((value.__module__ or "").partition(".")[0])
         yield from (value.__module__, value.__qualname__, getattr(package, "__version__", ""))
     elif isinstance(value, types.FunctionType):
@@ -278,11 +278,11 @@ def _global_names_and_values(names, space, seen):
         value = space[name]
         yield from (name, value)
         if isinstance(value, types.ModuleType) and value.__name__ not in seen:
-            if not is_of_library(value.__name__):
+            if not is_library_module(value.__name__):
                 yield from _global_names_and_values(names, vars(value), seen | {value.__name__})
 
 
-def is_of_library(module: str | None) -> bool:
+def is_library_module(module: str | None) -> bool:
     """Tell whether a module is Python's, of this package, or of an installed library.
 
     Libraries may be installed in several places: by Debian, or on a cluster by `PYTHONPATH`.

@@ -131,7 +131,7 @@ def collect_rules(tree: PyTree[Any]) -> list[Rule]:
 
 
 def _rule_of_each_element(tree):
-    """Return the `Rule` for a `PerElement`: each of its objects keeps the rules of its class."""
+    """Return a `Rule`: all objects of a `PerElement` keep the rules of their class."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):

@@ -1,4 +1,4 @@
-"""Some elements of a group, and values for them: statements may differ from cable to cable."""
+"""Some elements of a group, and values for them: inputs may differ from cable to cable."""
 
 from __future__ import annotations
 

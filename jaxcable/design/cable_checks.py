@@ -50,18 +50,18 @@ class _OnCables(OnElements):
     )
     units = _UNITS
 
-    def is_meant_for(self, group: Element) -> bool:
+    def applies_to(self, group: Element) -> bool:
         """Return whether the elements have tension only, and a strength."""
         return bool(group.tension_only) and group.strength is not None
 
-    def left_out(self, structure: Structure) -> str:
+    def skipped_text(self, structure: Structure) -> str:
         """Return a text that names unchecked groups of cables, without a strength; "" if none."""
         if self.elements is not None:
             return ""
         names = [
             repr(label)
             for label, one in named_groups_of(structure)
-            if one.tension_only and not self.is_meant_for(one)
+            if one.tension_only and not self.applies_to(one)
         ]
         return f"cables {', '.join(names)} {self.requirement}" if names else ""
 
@@ -123,7 +123,7 @@ class CableResistance(_OnCables):
         proof = "not checked" if self.proof_force is None else self.proof_force
         return {"k_e": _named_factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return F_Ed, F_uk, F_Rd, N, and the utilization F_Ed / F_Rd in one case, [n_item]."""
         resistance = cable_resistance(
             self.strengths(structure),
@@ -169,19 +169,19 @@ class CableService(_OnCables):
         if isinstance(self.fraction, str):
             checks.require_one_of(self.fraction, "fraction", list(SERVICE_FRACTIONS))
 
-    def _limit_ratio(self):
+    def _service_limit_ratio(self):
         """Return the limit of the force in service over the breaking force, -."""
         given = self.fraction
         return SERVICE_FRACTIONS[given] if isinstance(given, str) else given
 
     def inputs(self) -> dict[str, Any]:
         """Return the factors and forces that the user gave, by the labels that a report shows."""
-        return {"fraction": self._limit_ratio(), "k_e": _named_factor(self.termination)}
+        return {"fraction": self._service_limit_ratio(), "k_e": _named_factor(self.termination)}
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, breaking force and service limit, N, and the utilization, [n_item] each."""
         factor = termination_factor(self.termination)
-        limit = self._limit_ratio() * factor * self.strengths(structure)
+        limit = self._service_limit_ratio() * factor * self.strengths(structure)
         return self._rating(structure, solution, limit, factor)
 
 
@@ -221,7 +221,7 @@ class CableSafety(_OnCables):
         """Return the factors and forces that the user gave, by the labels that a report shows."""
         return {"factor": self.factor, "k_e": _named_factor(self.termination)}
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, breaking force, that over the factor of safety, N, and the utilization."""
         factor = termination_factor(self.termination)
         resistance = factor * self.strengths(structure) / jnp.asarray(self.factor)
@@ -280,7 +280,7 @@ class CableFatigue(_OnCables):
         warn_if_unusual("category", self.category, 1e6, 2e9, "is the range in Pa?")
         warn_if_unusual("area", self.area, 0.0, 1.0, "is the area in m2?")
 
-    def is_meant_for(self, group: Element) -> bool:
+    def applies_to(self, group: Element) -> bool:
         """Return whether the elements have tension only, and an area."""
         return bool(group.tension_only) and not (self.area is None and group.area is None)
 
@@ -296,10 +296,10 @@ class CableFatigue(_OnCables):
             "gamma_Ff": self.gamma_ff,
         }
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
-        """Return the tension, N, as "utilization", and the area, m2, [n_item] each, of one case.
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
+        """Return the tension, N, under the name "utilization", and the area, m2, [n_item] each.
 
-        A range needs all cases: `over_cases` replaces the tension by the utilization.
+        A range needs all cases: `governing_terms` replaces the tension by the utilization.
         """
         given = [one.area if self.area is None else self.area for one in structure.groups]
         areas = [
@@ -308,9 +308,9 @@ class CableFatigue(_OnCables):
         ]
         force = largest_forces(self, structure, solution)
         # the sum makes the area NaN where the case has failed, as the force is
-        return {UTILIZATION: force, "area": self.values_of_checked(structure, areas) + 0.0 * force}
+        return {UTILIZATION: force, "area": self.checked_values(structure, areas) + 0.0 * force}
 
-    def over_cases(
+    def governing_terms(
         self, terms: dict[str, Float[Array, "n_case n_item"]]
     ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
         """Return the stress range between the cases of extreme forces, and its utilization.

@@ -37,7 +37,7 @@ class Check(abc.ABC):
     """Base of checks: a utilization of items, such as elements, in every load case.
 
     A check of your own is a frozen dataclass with `name`, `of`, and the methods `items` and
-    `terms`; or an `OwnCheck` of a function.
+    `evaluate`; or an `OwnCheck` of a function.
 
     Attributes:
         name: of the check, for tables and messages.
@@ -58,7 +58,7 @@ class Check(abc.ABC):
         ...     of: tuple = ()
         ...     def items(self, structure):
         ...         return [f"element {k}" for k in range(len(structure.elements.links))]
-        ...     def terms(self, structure, solution):
+        ...     def evaluate(self, structure, solution):
         ...         long = solution.tension / structure.elements.axial_stiffness
         ...         return {"strain": long, "utilization": long / 0.01}
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -84,7 +84,7 @@ class Check(abc.ABC):
         """Return a label of each thing that is checked, such as "stays 3", [n_item]."""
 
     @abc.abstractmethod
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "utilization", -, and the forces, resistances and so on behind it, [n_item] each.
 
         It is called for one case under `jax.vmap`: no ``if`` on numbers of the solution.
@@ -97,11 +97,11 @@ class Check(abc.ABC):
         """
         return {}
 
-    def left_out(self, structure: Structure) -> str:
+    def skipped_text(self, structure: Structure) -> str:
         """Return a text that names elements which the check skips for lack of data; "" if none."""
         return ""
 
-    def over_cases(
+    def governing_terms(
         self, terms: dict[str, Float[Array, "n_case n_item"]]
     ) -> tuple[Terms, Int[Array, " n_item"], Int[Array, " n_item"] | None]:
         """Return the terms of each item in its governing case, and the indices of these cases.
@@ -143,8 +143,8 @@ class OnElements(Check):
         object.__setattr__(self, "elements", keys_as_whole_groups(self.elements))
 
     @abc.abstractmethod
-    def is_meant_for(self, group: Element) -> bool:
-        """Return whether the check can be made for the elements of a group."""
+    def applies_to(self, group: Element) -> bool:
+        """Return whether a group is of a kind that the check concerns, such as cables."""
 
     def checked_elements(self, structure: Structure) -> list[tuple[int, np.ndarray]]:
         """Return pairs: index of a group, and indices of the elements of it that are checked.
@@ -153,7 +153,7 @@ class OnElements(Check):
         element is left.
         """
         if self.elements is None:
-            masks = [np.full(len(one.links), self.is_meant_for(one)) for one in structure.groups]
+            masks = [np.full(len(one.links), self.applies_to(one)) for one in structure.groups]
         else:
             masks = [
                 np.asarray(mask)
@@ -161,7 +161,7 @@ class OnElements(Check):
             ]
         found = [(k, np.flatnonzero(mask)) for k, mask in enumerate(masks) if mask.any()]
         for k, _ in found:
-            if not self.is_meant_for(structure.groups[k]):
+            if not self.applies_to(structure.groups[k]):
                 label = named_groups_of(structure)[k][0]
                 raise ValueError(f"{self.name}: elements of {label!r} {self.requirement}")
         if not found:
@@ -180,7 +180,7 @@ class OnElements(Check):
             for number in numbers
         ]
 
-    def values_of_checked(self, structure: Structure, values: PyTree[Any] | Sequence[Any]) -> Array:
+    def checked_values(self, structure: Structure, values: PyTree[Any] | Sequence[Any]) -> Array:
         """Return the values of the checked elements, [n_item, ...], in the order of `items`.
 
         `values` are arrays [n_elem, ...] of all elements: a pytree of the shape of the
@@ -197,12 +197,12 @@ class OnElements(Check):
             None if one.strength is None else jnp.broadcast_to(one.strength, len(one.links))
             for one in structure.groups
         ]
-        return self.values_of_checked(structure, known)
+        return self.checked_values(structure, known)
 
 
 def largest_forces(check: OnElements, structure: Structure, solution: Solution) -> Array:
     """Return the largest axial force along each checked element, [n_item], N."""
-    return check.values_of_checked(structure, solution.peak_tension)
+    return check.checked_values(structure, solution.peak_tension)
 
 
 def warn_if_unusual(name: str, value: Any, low: float, high: float, question: str) -> None:
@@ -212,7 +212,7 @@ def warn_if_unusual(name: str, value: Any, low: float, high: float, question: st
     """
     known = None if value is None or isinstance(value, str) else checks.array_if_known(value)
     if known is not None and ((known < low) | (known > high)).any():
-        checks.warn_user(f"{name} = {text_of_input(value)}: {question}")
+        checks.warn_user(f"{name} = {input_text(value)}: {question}")
 
 
 def input_with_unit(name: str, value: Any) -> tuple[str, str]:
@@ -225,9 +225,9 @@ def input_with_unit(name: str, value: Any) -> tuple[str, str]:
     other = _SHOWN_UNITS.get(unit.removesuffix(")"))
     known = np.asarray(value) if other and not isinstance(value, jax.core.Tracer) else None
     if other is None or known is None or known.dtype.kind not in "fiu":
-        return name, text_of_input(value)
+        return name, input_text(value)
     shown, factor = other
-    return f"{stated} ({shown})", text_of_input(known * factor)
+    return f"{stated} ({shown})", input_text(known * factor)
 
 
 _SHOWN_UNITS = {
@@ -237,7 +237,7 @@ _SHOWN_UNITS = {
 """Units in which reports show inputs of checks, and factors, by those in which they are given."""
 
 
-def text_of_input(value: Any) -> str:
+def input_text(value: Any) -> str:
     """Return a number as text for reports; of an array its range, of other values their text.
 
     "traced" stands for numbers that are not known.

@@ -30,7 +30,7 @@ RULES = {
 
 @pytree(static=("name", "of", "clause", "formula", "inputs", "not_covered", "items", "units"))
 class CheckResult:
-    """What a check has found: utilizations, and the terms of the cases that govern.
+    """Result of one check: utilizations, and forces and resistances in the governing cases.
 
     Attributes:
         utilization: largest one of each item over the cases that count, [n_item], -; NaN where all
@@ -266,7 +266,7 @@ EN 1993-1-11:2006, 7.2
     values = _values_of_checks(made, counted, structure, solutions)
     of = [tuple(one.of) if combinations is not None else () for one in made]
     parts = zip(made, of, counted, values, strict=True)
-    results = [_result_of_check(*one, structure) for one in parts]
+    results = [_check_result(*one, structure) for one in parts]
     return Checks(results, solutions.status, solutions.stable, names, not_made)
 
 
@@ -350,13 +350,13 @@ def _values_of_checks(made, counted, structure, solutions):
             order: list[str] = []
 
             def terms_of_case(solution, check=check, order=order):
-                terms = check.terms(structure, solution)
+                terms = check.evaluate(structure, solution)
                 order[:] = terms
                 return terms
 
             chosen = jax.tree.map(lambda x, cases=cases: jnp.asarray(x)[cases], solutions)
             terms = values_of_cases(terms_of_case, chosen)
-            governing, which, second = check.over_cases({name: terms[name] for name in order})
+            governing, which, second = check.governing_terms({name: terms[name] for name in order})
             orders.append(list(governing))
             index = jnp.asarray(cases)
             places = index[which], None if second is None else index[second]
@@ -371,14 +371,14 @@ def _values_of_checks(made, counted, structure, solutions):
     ]
 
 
-def _result_of_check(check, of, counted, values, structure):
+def _check_result(check, of, counted, values, structure):
     """Return the `CheckResult` of one check; `values` is its entry of `_values_of_checks`."""
     found, (which, second), every = values
     used = found.pop(UTILIZATION)
     items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
     if len(items) != len(used):
         raise ValueError(f"{check.name}: has {len(items)} names of items for {len(used)} values")
-    left_out = check.left_out(structure)
+    left_out = check.skipped_text(structure)
     if left_out:
         arguments.warn_user(f"{check.name}: not checked: {left_out}")
     inputs = tuple(input_with_unit(name, value) for name, value in check.inputs().items())

@@ -200,7 +200,7 @@ def describe_factors(rule: Mapping[str, Any]) -> str:
     return ", ".join(parts)
 
 
-class KindFactors(NamedTuple):
+class ActionKindFactors(NamedTuple):
     """Partial factor gamma and combination factors psi of a kind of variable action, or None."""
 
     kind: str
@@ -210,8 +210,8 @@ class KindFactors(NamedTuple):
     psi2: float | None
 
 
-def factors_of_kind(kind: str, rules: Mapping[str, Any]) -> KindFactors | None:
-    """Return the `KindFactors` of a kind of actions; None if `rules` give it none by its kind.
+def factors_of_kind(kind: str, rules: Mapping[str, Any]) -> ActionKindFactors | None:
+    """Return the `ActionKindFactors` of a kind of actions; None if the rules have none for it.
 
     Those are permanent and exceptional actions, and all kinds of rules that have the factors of
     each kind in each combination, as those of ASCE 7.
@@ -220,4 +220,4 @@ def factors_of_kind(kind: str, rules: Mapping[str, Any]) -> KindFactors | None:
     if kind not in rules["kinds"] or not uses_kinds:
         return None
     own = rules["kinds"][kind]
-    return KindFactors(kind, own.get("gamma", rules["gamma"]), *own.get("psi", (None,) * 3))
+    return ActionKindFactors(kind, own.get("gamma", rules["gamma"]), *own.get("psi", (None,) * 3))

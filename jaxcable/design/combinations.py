@@ -21,7 +21,7 @@ from .actions import Action, check_actions
 from .combination_factors import factors_of_combinations, sets_of_variable_actions
 from .combination_rules import (
     ALWAYS,
-    KindFactors,
+    ActionKindFactors,
     clause_noting_changes,
     combination_rules,
     describe_factors,
@@ -49,16 +49,16 @@ class Combinations:
         clauses: what the factors are taken from, for each combination.
         increments: in how many equal steps a case is applied.
         rule_factors: by which factors the rule of each combination multiplies actions, in words.
-        kind_factors: gamma and psi of the kinds of variable actions, each `KindFactors`, as far as
-            the rules have these.
+        kind_factors: gamma and psi of the kinds of variable actions, each `ActionKindFactors`, as
+            far as the rules have these.
         source: what the rules are taken from.
 
     Example:
         >>> snow = jc.design.Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
         >>> found = jc.design.combinations([snow])
-        >>> print(found.of_rule("SLS frequent").formula(1))
+        >>> print(found.select_rules("SLS frequent").formula(1))
         0.2 snow
-        >>> print(found.of_limit_state("ultimate").cases.loads[0].forces[1])
+        >>> print(found.select_limit_states("ultimate").cases.loads[0].forces[1])
         [    0.     0. -1500.]
     """
 
@@ -70,7 +70,7 @@ class Combinations:
     clauses: tuple[str, ...]
     increments: int = 1
     rule_factors: tuple[str, ...] = ()
-    kind_factors: tuple[KindFactors, ...] = ()
+    kind_factors: tuple[ActionKindFactors, ...] = ()
     source: str = ""
 
     def __len__(self) -> int:
@@ -85,14 +85,14 @@ class Combinations:
         width = max(map(len, self.names), default=0)
         return "\n".join(f"{name:<{width}}  {self.formula(k)}" for k, name in enumerate(self.names))
 
-    def of_limit_state(self, *limit_states: str) -> Combinations:
+    def select_limit_states(self, *limit_states: str) -> Combinations:
         """Return the combinations of the named limit states, such as "serviceability".
 
         Raises ValueError for a limit state of which there are none.
         """
         return self._select_combinations(self.limit_states, limit_states, "limit_states")
 
-    def of_rule(self, *rules: str) -> Combinations:
+    def select_rules(self, *rules: str) -> Combinations:
         """Return the combinations of the named rules, such as "SLS quasi-permanent".
 
         Raises ValueError for a rule of which there are none.
@@ -276,14 +276,14 @@ def combinations(
     rows: list[tuple[float, ...]] = []
     texts: list[tuple[str, str, str, str, str]] = []
     for name, rule in chosen.items():
-        of_rule: dict[tuple[float, ...], None] = {}
+        select_rules: dict[tuple[float, ...], None] = {}
         for row in factors_of_combinations(actions, rules, rule, sets):
-            of_rule[row] = None
-            _require_feasible_count(len(rows) + len(of_rule))
-        rows += of_rule
+            select_rules[row] = None
+            _require_feasible_count(len(rows) + len(select_rules))
+        rows += select_rules
         clause = clause_noting_changes(rule.get("clause", ""), name, rules)
         same = name, rule["limit state"], clause, describe_factors(rule)
-        texts += [(f"{name}-{k}", *same) for k in range(1, 1 + len(of_rule))]
+        texts += [(f"{name}-{k}", *same) for k in range(1, 1 + len(select_rules))]
     if not rows:
         raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
     factors = np.array(rows)

@@ -16,7 +16,7 @@ from ..common import status
 from ..common.progress import Step
 from ..common.types import Float
 from .optimality import solve_kkt_conditions
-from .trials import Search, TrialPoint
+from .trials import ParameterSearch, TrialPoint
 
 FAILED_LOSS = 1e10
 """Scaled loss of a failed analysis: no library accepts it, since the gradient at the start is 1."""
@@ -32,12 +32,12 @@ class RunEnded(Exception):  # noqa: N818 - not an error
     """Raised by a function that an optimization library calls, to end the run of the library."""
 
 
-class ConstrainedSearch(Search):
+class ConstrainedSearch(ParameterSearch):
     """A search that runs an optimization library repeatedly until the KKT conditions hold.
 
     Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.) The values of trial
     points are the loss, then the constraints; the library gets these plus the tolerance. Arguments
-    are those of `Search`, with bounds in double precision.
+    are those of `ParameterSearch`, with bounds in double precision.
 
     Attributes:
         best: the `TrialPoint` of lowest loss that meets all constraints; if none does, that of the

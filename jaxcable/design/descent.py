@@ -16,7 +16,7 @@ from ..common.progress import Step
 from ..common.tree import pytree
 from ..common.types import Array, Float, Int
 from .minimum_criteria import MinimumCriteria
-from .trials import Search, TrialPoint
+from .trials import ParameterSearch, TrialPoint
 
 # Typical change of a parameter over its size, by which the default optimizer scales: the length of
 # its first step, before L-BFGS has learned the curvature.
@@ -92,11 +92,11 @@ class LBFGS:
         return step
 
 
-class Descent(Search):
+class Descent(ParameterSearch):
     """The search of `minimize` for a minimum of one loss; its points are of `AcceptedPoint`.
 
     Args:
-        given: arguments of `Search`.
+        given: arguments of `ParameterSearch`.
         scale: the optimizer gets the parameters divided by this, [n]; None for the default.
         propose: function of an `AcceptedPoint` to the step, [n], that a user's optimizer proposes;
             None for L-BFGS with a line search. It then must lower the loss.

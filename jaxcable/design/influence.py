@@ -11,11 +11,11 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.activation import make_activation
 from ..analysis.phases import (
-    ABSOLUTE_STATEMENTS,
-    INCREMENTAL_STATEMENTS,
+    ABSOLUTE_INPUTS,
+    INCREMENTAL_INPUTS,
     Phase,
     as_phases,
-    with_statement,
+    with_phase_input,
 )
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
@@ -102,7 +102,7 @@ def influence(
     if phase is not None:
         require_phase_index(phase, len(phases))
     if (
-        phase is None and isinstance(wrt, str) and wrt in INCREMENTAL_STATEMENTS
+        phase is None and isinstance(wrt, str) and wrt in INCREMENTAL_INPUTS
     ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
@@ -151,11 +151,11 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
 
         return jnp.zeros_like(jnp.asarray(structure.nodes)), set_input
     own = dict.fromkeys(name for each in phases for name in each.own or ())
-    known = (*INCREMENTAL_STATEMENTS, *ABSOLUTE_STATEMENTS, *own)
+    known = (*INCREMENTAL_INPUTS, *ABSOLUTE_INPUTS, *own)
     if wrt not in known:
         there = checks.suggest_names(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt not in INCREMENTAL_STATEMENTS:
+    if wrt not in INCREMENTAL_INPUTS:
         for number in range(len(phases)) if phase is None else [phase]:
             if any(
                 value is not None
@@ -172,7 +172,7 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
     for k, (group, some) in enumerate(zip(structure.groups, some_there, strict=True)):
         able = isinstance(group, Prestressable)
         able = able and (wrt != "temperature" or group.expansion is not None)
-        if wrt in INCREMENTAL_STATEMENTS and values[k] is None and able:
+        if wrt in INCREMENTAL_INPUTS and values[k] is None and able:
             several = (len(group.components[wrt]),) if wrt in group.components else ()
             values[k] = jnp.zeros((len(group.links), *several), dtype)
         values[k] = values[k] if some else None
@@ -182,7 +182,7 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
 
     def set_statement(v):
         return structure, [
-            with_statement(p, wrt, v) if k == phase else p for k, p in enumerate(phases)
+            with_phase_input(p, wrt, v) if k == phase else p for k, p in enumerate(phases)
         ]
 
     return values, set_statement
@@ -208,12 +208,12 @@ def _prestress_input_values(phase, structure, name):
     An item is None for a group without this input; an array [n_elem]; or `Only` where an absolute
     input, such as a pretension, is given for some elements of the group.
     """
-    stated = [own.get(name) for own in phase.statements(structure)]
+    stated = [own.get(name) for own in phase.inputs(structure)]
     return [
         s
         if s is None
         else s.values
-        if s.chosen is None or name in INCREMENTAL_STATEMENTS
+        if s.chosen is None or name in INCREMENTAL_INPUTS
         else only(s.chosen, s.values[s.chosen])
         for s in stated
     ]

@@ -44,8 +44,8 @@ def slack_distance(
 
     Returns:
         Strains in the shape of the elements, [n_elem] each, with the leading axes of a batch; None
-        for groups that carry tension and compression, and for `Bearings`, whose result `opening`
-        says it in m. NaN for a `Solution` that failed.
+        for groups that carry tension and compression, and for `GroundContacts`, whose result
+        `opening` says it in m. NaN for a `Solution` that failed.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

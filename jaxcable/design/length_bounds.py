@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analysis.statements import values_of_elements
+from ..analysis.phase_inputs import values_of_elements
 from ..common import checks
 from ..common.tree import copy_with
 from ..common.types import ArrayLike, Float, PyTree
-from ..elements.abilities import components_of
+from ..elements.abilities import component_names
 from ..model.plausibility import array_or_none, drawn_or_given_lengths
 from ..model.structure import Structure
 from .bounds import BoxBounds, entry_names, flat_vector, unflatten_params
@@ -44,7 +44,7 @@ def add_default_bounds(
             continue
         expanded = values_of_elements(given, structure, name)
         for group, stated in zip(structure.groups, expanded, strict=True):
-            if stated is None or components_of(group, name):
+            if stated is None or component_names(group, name):
                 continue
             # a number for several elements keeps to the bounds of the shortest
             own = drawn_or_given_lengths(group, nodes) if name != "prestrain" else 1.0

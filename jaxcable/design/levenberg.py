@@ -12,7 +12,7 @@ from ..common import status
 from ..common.progress import Trial
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
-from .trials import Search, TrialPoint, unevaluated_point
+from .trials import ParameterSearch, TrialPoint, unevaluated_point
 
 _FIRST_DAMPING = 1e-3  # columns of the scaled Jacobian have norms of at most 1: nearly a whole step
 _SINGULAR = 1e-12  # damping of a whole step: it leaves out smaller squared singular values
@@ -50,7 +50,7 @@ class FitHistory:
     status: Int[Array, " steps+1"]
 
 
-class LevenbergMarquardt(Search):
+class LevenbergMarquardt(ParameterSearch):
     """The Levenberg-Marquardt method of `fit`; `current` is a `TrialPoint`."""
 
     def run(self) -> int:

@@ -152,7 +152,7 @@ class OwnCheck(Check):
         """Return the given labels of the values; an empty list if there are none."""
         return list(self.labels or ())
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "value", what the function returns, [n_item], and "utilization" in one case."""
         value = self.function(structure, solution)
         if isinstance(value, str | dict) or value is None:
@@ -227,7 +227,7 @@ class DisplacementLimit(Check):
         """Return the labels of the checked nodes, "node 12" and so on, [n_item]."""
         return [f"node {k}" for k in self._checked_nodes(structure)]
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "displacement", m, and "utilization" in one case, [n_item] each.
 
         NaN for nodes that only slack elements hold; zero utilization where no element is
@@ -287,7 +287,7 @@ class TensionLimit(OnElements):
         above_zero = Rule(f"{self.name}: lower", self.lower, lambda v: ~(v > 0), text)
         object.__setattr__(self, "lower", nan_if_broken(above_zero))
 
-    def is_meant_for(self, group: Element) -> bool:
+    def applies_to(self, group: Element) -> bool:
         """Return whether the elements bear tension only, and have a tension as a result."""
         return bool(group.tension_only) and any(one.name == TENSION.name for one in group.results)
 
@@ -295,13 +295,13 @@ class TensionLimit(OnElements):
         """Return the smallest allowed tension, N, by the label that a report shows."""
         return {"smallest tension (N)": self.lower}
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "tension", N, the largest along each element, and "utilization", [n_item] each.
 
         Inactive elements have NaN and a utilization of 0.
         """
         force = largest_forces(self, structure, solution)
-        active = self.values_of_checked(structure, present_elements(structure, solution.present))
+        active = self.checked_values(structure, present_elements(structure, solution.present))
         used = jnp.where(active, limit_utilization(force, self.lower), 0.0)
         return {"tension": jnp.where(active, force, jnp.nan), UTILIZATION: used}
 
@@ -354,7 +354,7 @@ class ReactionLimit(Check):
         """Return the labels of the checked nodes, "node 12" and so on, [n_item]."""
         return [f"node {k}" for k in _checked_node_indices(self.nodes, structure, self.name)]
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "reaction", the component along the direction, N, and "utilization", [n_item].
 
         Raises ValueError if a node has no support.

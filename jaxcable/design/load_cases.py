@@ -171,7 +171,7 @@ class Envelope:
 
 @overload
 def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
-    """Find the extremes of any values over load cases."""
+    """Find the extremes of arrays [n_case, ...] over load cases, and the cases that govern them."""
 
 
 @overload
@@ -183,7 +183,7 @@ def envelope(
     also: Mapping[str, Callable[[Solution], PyTree[Array]]] | None = None,
     places: int = 11,
 ) -> ResultEnvelope:
-    """Find the extremes of all results over load cases."""
+    """Find the extremes of all results of a structure over load cases, and the governing cases."""
 
 
 def envelope(

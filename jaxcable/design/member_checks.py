@@ -53,7 +53,7 @@ class _OnMembers(OnElements):
         if self.profile is None or self.yield_strength is None:
             raise ValueError(
                 f"{self.name}: profile, yield_strength: missing; give "
-                'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
+                'profile=catalogue.profile_record("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
         warn_if_unusual("yield_strength", self.yield_strength, 1e7, 3e9, "is it in Pa?")
@@ -67,7 +67,7 @@ class _OnMembers(OnElements):
         assert self.profile is not None
         return steel_section(self.profile, self.section_class)
 
-    def is_meant_for(self, group: Element) -> bool:
+    def applies_to(self, group: Element) -> bool:
         """Return whether the elements bear compression, and have an axial force."""
         has_axial_force = any(one.name == TENSION.name for one in group.results)
         return has_axial_force and not is_one_sided(group)
@@ -113,7 +113,7 @@ class _OnMembers(OnElements):
                 along[k] = (
                     jnp.zeros((*force.shape, self.places, 6)).at[..., 0].set(force[..., None])
                 )
-        return self.values_of_checked(structure, along)
+        return self.checked_values(structure, along)
 
 
 _OF_TUBES = "of circular sections both moments, and both shear forces, add as vectors"
@@ -129,15 +129,15 @@ class MemberSection(_OnMembers):
     Args:
         elements: keys of groups, or selections by group; None: all beams and bars.
         name, of: as of `Check`.
-        profile: record from `catalogue.profile_data`, or the numbers of a `SteelSection`; in files
-            the name of the record, such as "CHS 168.3x8".
+        profile: record from `catalogue.profile_record`, or the numbers of a `SteelSection`; in
+            files the name of the record, such as "CHS 168.3x8".
         section_class: of a profile: 1 or 2 for plastic moduli, 3 for elastic ones.
         yield_strength: yield strength f_y, Pa.
         places: number of places along beams.
         gamma_m0: partial factor, without unit.
 
     Example:
-        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
+        >>> tube = jc.catalogue.profile_record("CHS 168.3x8")
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
         >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
         >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)
@@ -173,7 +173,7 @@ class MemberSection(_OnMembers):
         }
         return {**super().inputs(), **shear, "gamma_M0": self.gamma_m0, **resistances}
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return section forces, N and N m, where they govern an element, x/L, and utilization."""
         forces = self._section_forces_of_checked(structure, solution)
         used = section_utilization(forces, self.section, self.yield_strength, self.gamma_m0)
@@ -211,7 +211,7 @@ class MemberBuckling(_OnMembers):
         youngs_modulus: modulus of elasticity, Pa.
 
     Example:
-        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
+        >>> tube = jc.catalogue.profile_record("CHS 168.3x8")
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
         >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
         >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)
@@ -295,7 +295,7 @@ class MemberBuckling(_OnMembers):
                     )
                 begin = solution.phases[-2]
             if begin is not None:
-                reference = -self.values_of_checked(structure, begin.peak_tension)
+                reference = -self.checked_values(structure, begin.peak_tension)
             critical = reference + self.factors * jnp.maximum(compression - reference, 0.0)
             # tension at the critical load: no buckling; an unknown factor leaves NaN
             critical = [jnp.where(critical <= 0, jnp.inf, critical)] * 2
@@ -309,7 +309,7 @@ class MemberBuckling(_OnMembers):
         ]
         return [jnp.broadcast_to(chi, compression.shape) for chi in about]
 
-    def terms(self, structure: Structure, solution: Solution) -> Terms:
+    def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return axial force, resistance, N, largest moments, N m, and utilization, [n_item]."""
         forces = self._section_forces_of_checked(structure, solution)
         smallest = forces[..., 0].min(axis=1)

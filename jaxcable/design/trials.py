@@ -87,8 +87,10 @@ def unevaluated_point(x: Float[np.ndarray, " n"], count: int, code: int) -> Tria
     return TrialPoint(x, nan[:, 0], nan[:, 1:], code)
 
 
-class Search:
-    """A search within bounds, for known numbers: it evaluates a function at trial points.
+class ParameterSearch:
+    """Base of iterative searches for parameters within bounds, such as `Descent`, on the host.
+
+    It evaluates a function at trial points, and keeps the history; `run` of a subclass steps.
 
     Args:
         evaluate: function of flat parameters [n] to values [m] (or a loss), their derivatives

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.as_built_statements import stated_as_built
-from ..analysis.phases import Phase, all_statements, as_phases, with_statement
+from ..analysis.as_built_inputs import find_as_built_inputs
+from ..analysis.phases import Phase, all_phase_inputs, as_phases, with_phase_input
 from ..analysis.sensitivity import MeasuredAnalysis
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
@@ -22,7 +22,7 @@ from ..common.compilation import is_top_level_call
 from ..common.progress import Trial, as_listener
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..elements.abilities import STATEMENTS
+from ..elements.abilities import PHASE_INPUTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.result_parts import named_groups_of, present_elements, slack_elements, values_per_group
@@ -214,14 +214,14 @@ def tune(
     def phases_with(values):
         found = list(phases)
         for (k, name), value in zip(unknowns, values, strict=True):
-            found[k] = with_statement(found[k], name, value)
+            found[k] = with_phase_input(found[k], name, value)
         return found
 
     def fit_values(structure, values):
         phases, inputs = phases_with(values), [t.value for t in targets]
         leaves = jax.tree.leaves((structure, phases, inputs, bounds, start))
         # lengths of elements as built are found in `solve`
-        within = stated_as_built(structure, phases, start) or not is_top_level_call(leaves)
+        within = find_as_built_inputs(structure, phases, start) or not is_top_level_call(leaves)
         if within or flat_vector(values).size > _MAX_FORWARD:
 
             def residuals(values):
@@ -240,7 +240,7 @@ def tune(
         )
 
     solution, spent = None, []
-    plain = smooth and start is None and not stated_as_built(structure, phases)
+    plain = smooth and start is None and not find_as_built_inputs(structure, phases)
     pressing = replace_cables_by_bars(structure) if plain else None
     if pressing is not None:
         found = fit_values(pressing, values)
@@ -368,13 +368,13 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phase {k!r}; there are phases 0 to {len(phases) - 1}"
             )
-        known = [*STATEMENTS, *(phases[k].own or ())]
+        known = [*PHASE_INPUTS, *(phases[k].own or ())]
         if name not in known:
             there = checks.suggest_names(name, known)
             raise ValueError(f"unknowns[{number}] = {name!r}: not a prestress input{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
-        value = all_statements(phases[k]).get(name)
+        value = all_phase_inputs(phases[k]).get(name)
         if value is None:
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"

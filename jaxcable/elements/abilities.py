@@ -41,49 +41,48 @@ from .element import (
     Scalar,
 )
 from .element_state import ElementState, OwnState
-from .statement import StatedValues, Statement
+from .phase_input import InputValues, PhaseInput
 
-STATEMENTS = {
-    name: Statement(name, unit)
+PHASE_INPUTS = {
+    name: PhaseInput(name, unit)
     for name, unit in (
         *(("pretension", "N"), ("force_density", "N/m"), ("prestrain", "-"), ("rest_length", "m")),
         *(("shortening", "m"), ("temperature", "K"), ("sag", "m"), ("jacking", "N")),
         *(("end_tension", "N"), ("horizontal_tension", "N"), ("built_sag", "m")),
     )
 }
-"""The statements of prestress that `Phase` has as arguments, by name."""
+"""The prestress inputs that `Phase` has as arguments, by name."""
 
 
 class Prestressable(Element):
-    """Elements that accept statements: quantities that a `Phase` prescribes, such as a pretension.
+    """Elements that accept phase inputs: what a `Phase` prescribes, such as a pretension.
 
     Attributes:
-        statements: the accepted ones: names of `STATEMENTS`, which are arguments of `Phase`, and a
-            `Statement` for each further one, which users give by ``Phase(own={name: values})``.
-        components: where a statement has several numbers for an element, their names by that of the
-            statement, such as ``{"pretension": ("warp", "weft")}``; values then are
+        phase_inputs: names of `PHASE_INPUTS`, which are arguments of `Phase`, and a `PhaseInput`
+            for each further one, which users give by ``Phase(own={name: values})``.
+        components: where an input has several numbers for an element, their names by that of the
+            input, such as ``{"pretension": ("warp", "weft")}``; values then are
             [n_elem, n_component], and one number is for all components.
     """
 
-    statements: ClassVar[tuple[str | Statement, ...]] = ()
+    phase_inputs: ClassVar[tuple[str | PhaseInput, ...]] = ()
     components: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @abc.abstractmethod
-    def apply_statements(
+    def apply_phase_inputs(
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, StatedValues],
+        inputs: Mapping[str, InputValues],
     ) -> ElementState:
-        """Return the state of the group after the statements of a phase have changed it.
+        """Return the state of the group after the inputs of a phase have changed it.
 
         Args:
             state: state of the group at the beginning of the phase.
             ends: initial positions of the ends of all elements, [n_elem, n_end, 3], m.
-            statements: stated values by the name of the statement; only those that the phase
-                states.
+            inputs: values by the name of the phase input; only those that the phase gives.
 
-        Where some of them hold from the beginning of a phase (not `Statement.ramped`), there are
+        Where some of them hold from the beginning of a phase (not `PhaseInput.ramped`), there are
         two calls: the first with these, the second with all others.
         """
 
@@ -101,15 +100,15 @@ class Prestressable(Element):
         return jax.tree.map(one, start, end)
 
 
-def statements_of(group: Element) -> dict[str, Statement]:
-    """Return the statements that a group accepts, by name; empty if it is not `Prestressable`."""
-    accepted = group.statements if isinstance(group, Prestressable) else ()
-    found = [STATEMENTS[s] if isinstance(s, str) else s for s in accepted]
-    return {statement.name: statement for statement in found}
+def accepted_inputs(group: Element) -> dict[str, PhaseInput]:
+    """Return the inputs that a group accepts, by name; empty if it is not `Prestressable`."""
+    accepted = group.phase_inputs if isinstance(group, Prestressable) else ()
+    found = [PHASE_INPUTS[s] if isinstance(s, str) else s for s in accepted]
+    return {phase_input.name: phase_input for phase_input in found}
 
 
-def components_of(group: Element, name: str) -> tuple[str, ...]:
-    """Return the names of the components of the statement `name`; empty if it is one number."""
+def component_names(group: Element, name: str) -> tuple[str, ...]:
+    """Return the names of the components of the input `name`; empty if it is one number."""
     return group.components.get(name, ()) if isinstance(group, Prestressable) else ()
 
 
@@ -155,8 +154,8 @@ class Uniaxial(Element):
         return self.strain(state, ends, motion)
 
 
-class Jacked(Prestressable):
-    """Elements whose axial force a jack can prescribe in a phase, by the statement "jacking".
+class Jackable(Prestressable):
+    """Elements whose axial force a jack can prescribe in a phase, by the input "jacking".
 
     Their state has the fields `jack_force`, N, and `jacked`, bool, as in `prestress.AxialState`.
     """
@@ -177,7 +176,7 @@ END_PULL = Result("end_pull", "N", ("x", "y", "z"), increments=False, places=("f
 """Forces of a hanging element on its end nodes, which are not along its chord, [2, 3]."""
 
 
-class Sagging(Prestressable):
+class Hanging(Prestressable):
     """Elements that hang between their ends under their weight; a phase can state their sag.
 
     Their state has the field `rest_length`, m. With the result `END_PULL` (in `results`, under a
@@ -228,7 +227,7 @@ class Sagging(Prestressable):
         """Return points on one element, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
 
 
-class Secant(Element):
+class SecantStiffness(Element):
     """Elements with a secant stiffness between two motions, which the secant method needs."""
 
     @abc.abstractmethod
@@ -340,7 +339,7 @@ class TensionElement(Element):
         """
 
 
-class Rounding(Element):
+class RoundingEstimate(Element):
     """Elements that estimate the rounding error of their end forces.
 
     At small strains this error may be larger than the force itself.

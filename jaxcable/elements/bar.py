@@ -7,13 +7,13 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from .abilities import Jacked, Rounding, Secant
+from .abilities import Jackable, RoundingEstimate, SecantStiffness
 from .element import Ends, Forces, Motion
 from .prestress import AxialState, jack_value_or, measure_chord
 from .straight import Straight
 
 
-class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
+class TwoNodeStraight(Straight, Jackable, SecantStiffness, RoundingEstimate):
     """Straight elements of two nodes; the force of each depends on its own strain only.
 
     The class adds jacks, the secant stiffness and the estimate of rounding errors to `Straight`.

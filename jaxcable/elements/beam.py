@@ -38,7 +38,7 @@ from ..programs.program_calls import as_program
 from ..sections import LinearSection, Section
 from ..sections.section import section_hint
 from . import bending
-from .abilities import BEAM_RESULTS, Bending, Rounding
+from .abilities import BEAM_RESULTS, Bending, RoundingEstimate
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
 from .beam_element import BeamElement
 from .element import Ends, Motion, Scalar
@@ -48,7 +48,7 @@ _MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so t
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
-class Beams(BeamElement, Prestressed, Bending, Rounding):
+class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
     """A group of beam elements; their nodes have rotations.
 
     Elements are initially straight. A curved member takes several of them even between its loads:
@@ -281,7 +281,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             return None
         return self.hinges.array.all(axis=2)
 
-    def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
+    def element_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
         """Return the axes of all elements at initial positions [n_node, 3], m: [n_elem, 3, 3].
 
         Rows are the unit vectors along the element, and of the section's y and z.
@@ -289,7 +289,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         Example:
             >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
             >>> beam = jc.Beams([[0, 1]], section=section)
-            >>> print(beam.axes_of(np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))[0].round(6))
+            >>> print(beam.element_axes(np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))[0].round(6))
             [[ 0.  1.  0.]
              [-1.  0.  0.]
              [ 0.  0.  1.]]
@@ -299,7 +299,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """Return the group with `up` given, so that its axes stay those at initial positions, m."""
-        return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
+        return self if self.up is not None else replace(self, up=self.element_axes(nodes)[:, 2])
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
@@ -325,7 +325,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Return the smallest and the largest axial force of the section without bending, N."""
-        area, law = self.section.axial()
+        area, law = self.section.uniaxial()
         low, high = law.capacity
         return low * area, high * area
 
@@ -335,7 +335,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         """Return the strain at an axial force, N, without bending; ValueError with `memory`."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
-        area, law = self.section.axial()
+        area, law = self.section.uniaxial()
         return law.strain_at(force / area)
 
     # --- one element

@@ -9,7 +9,7 @@ from . import bending
 from .bending import cross_products
 from .corotation import Pose
 from .element import Scalar
-from .point_loads import is_before
+from .point_loads import acts_before
 
 
 def section_forces_by_equilibrium(
@@ -22,7 +22,7 @@ def section_forces_by_equilibrium(
 ) -> Float[Array, "n 6"]:
     """Return ``N, Vy, Vz, T, My, Mz`` at places, [n, 6], N and N m.
 
-    Where a concentrated load acts they are those just before it (`point_loads.is_before`).
+    Where a concentrated load acts they are those just before it (`point_loads.acts_before`).
 
     Args:
         pose, field: frame of the element (`corotation.pose`), and its strains.
@@ -45,7 +45,7 @@ def section_forces_by_equilibrium(
             twist = twist - share @ points.moments
     carried = start[None] + jnp.outer(s, load)
     if points is not None:
-        before = is_before(points.places, s)
+        before = acts_before(points.places, s)
         carried = carried + before @ points.forces
     moment = cross_products(place, carried) - cross_products(area, load[None]) - twist[None]
     if points is not None:
@@ -102,7 +102,7 @@ def peak_axial_force(
     places, forces = points[:, 0], points[:, 1:4] @ along
     at = jnp.concatenate([jnp.array([0.0, 1.0], places.dtype), places])
     start = mean + whole * (0.5 - at) + (1 - places) @ forces
-    before = start - is_before(places, at) @ forces
+    before = start - acts_before(places, at) @ forces
     inside = (at[:, None] >= places[None]) & (places[None] < 1)  # a load at the end is beyond it
     found = jnp.concatenate([before, start - inside.astype(places.dtype) @ forces])
     return found[jnp.argmax(jnp.abs(found))]

@@ -36,7 +36,7 @@ from ..common.types import Array, ArrayLike, Float
 from ..numerics.rotations import cross
 from .corotation import Pose
 from .element import Scalar
-from .point_loads import PointTerms, point_forces, strain_of_clamped_field
+from .point_loads import SpanLoads, span_load_forces, strain_of_clamped_field
 from .shear import ShearAngles
 
 
@@ -63,7 +63,7 @@ class StrainField:
     twist: Scalar
     bending_compliance: Float[Array, "2 2"] | None = None
     shear: ShearAngles | None = None
-    points: PointTerms | None = None
+    points: SpanLoads | None = None
 
     def strains_at(self, places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
         """Return the section strains e0, ky, kz at positions from 0 to 1, [n, 3]."""
@@ -93,7 +93,7 @@ def with_point_loads(
     rotations, axes = pose.rotations, pose.axes
     forces = points[:, 1:4] @ axes.T
     moments = points[:, 4:] @ axes.T if points.shape[1] > 4 else None
-    terms = PointTerms(
+    terms = SpanLoads(
         points[:, 0], forces, moments, length, field.sag, sheared=field.shear is not None
     )
     if stiffness is not None:
@@ -110,8 +110,8 @@ def with_point_loads(
 
 
 def work_of_point_loads(field: StrainField, rotations: Float[Array, "2 3"]) -> Scalar:
-    """Return the work of the concentrated loads of a field (`PointTerms.work`), J."""
-    terms: PointTerms = field.points  # type: ignore[assignment]  # asked where there are some
+    """Return the work of the concentrated loads of a field (`SpanLoads.work`), J."""
+    terms: SpanLoads = field.points  # type: ignore[assignment]  # asked where there are some
     return terms.work(axis_slopes(field, rotations)[:, 1:], field.sag, field.strain[1:, 0])
 
 
@@ -247,7 +247,7 @@ def generalized_forces(
     added = None
     if field.points is not None:
         slopes = axis_slopes(field, rotations)[:, 1:]
-        added = point_forces(field.points, slopes, field.strain[1:, 0], force)
+        added = span_load_forces(field.points, slopes, field.strain[1:, 0], force)
         by_slopes = by_slopes.at[:2].add(jnp.stack([added.first, added.second]))
         first, second = first + added.first, second + added.second
         by_sag, by_axial = by_sag + added.by_sag, by_axial + added.by_axial

@@ -18,14 +18,14 @@ from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.vectors import scalar_product
 from . import hanging, hanging_sag, hanging_springs
-from .abilities import END_PULL, LengthSlack, Rounding, Sagging, TensionResponse
+from .abilities import END_PULL, Hanging, LengthSlack, RoundingEstimate, TensionResponse
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, measure_chord
 
 
 @pytree(indices=("links",))
-class Catenaries(TensionOnly, Sagging, Rounding):
+class Catenaries(TensionOnly, Hanging, RoundingEstimate):
     """A group of elastic catenaries, tension only: each hangs between its ends under its load.
 
     An element hangs under the weight of `SelfWeight` and the loads of `LineLoads` at the present

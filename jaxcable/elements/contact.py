@@ -132,8 +132,9 @@ class Contacts(CompressionOnly, TwoNodeStraight):
     its unstressed length L0 (a gap element), and opens above it; props, masonry and bearings that
     cannot be pulled are contacts without a gap. It presses along the line through its ends, which
     turns with them: nodes that it presses need something else that holds them sideways. For a
-    bearing that presses along a fixed direction on one node see `Bearings`. (A gap that closes in
-    tension, a hook, is one of `Cables` with a `rest_length` above the distance of its ends.)
+    bearing that presses along a fixed direction on one node see `GroundContacts`. (A gap that
+    closes in tension, a hook, is one of `Cables` with a `rest_length` above the distance of its
+    ends.)
 
     Reports count open contacts among the slack elements. The energy of compressed elements is not
     convex, so that a structure can have several equilibria; they are found as those of `Bars`.

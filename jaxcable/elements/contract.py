@@ -10,10 +10,10 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float
 from . import trial
-from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
+from .abilities import PHASE_INPUTS, Hanging, Jackable, Prestressable
 from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
-from .statement import Statement
+from .phase_input import PhaseInput
 
 REQUIRED_METHODS = {
     "has_memory": ("absolute_force", "initial_memory"),
@@ -70,23 +70,23 @@ def _missing_ability_faults(group):
         if not callable(getattr(group, name, None)):
             yield f"results: {name!r} is not a method of the group"
     if isinstance(group, Prestressable):
-        for one in group.statements:
-            if isinstance(one, str) and one not in STATEMENTS:
+        for one in group.phase_inputs:
+            if isinstance(one, str) and one not in PHASE_INPUTS:
                 yield (
-                    f"statements: {one!r} is none of {', '.join(STATEMENTS)}; give a `Statement` "
-                    "for one of its own"
+                    f"phase_inputs: {one!r} is none of {', '.join(PHASE_INPUTS)}; give a "
+                    "`PhaseInput` for one of its own"
                 )
-            if isinstance(one, Statement) and one.name in STATEMENTS:
-                yield f"statements: {one.name!r} is one of `Phase`; give the name alone"
-        names = [one if isinstance(one, str) else one.name for one in group.statements]
+            if isinstance(one, PhaseInput) and one.name in PHASE_INPUTS:
+                yield f"phase_inputs: {one.name!r} is one of `Phase`; give the name alone"
+        names = [one if isinstance(one, str) else one.name for one in group.phase_inputs]
         for name in group.components:
             if name not in names:
-                yield f"components: {name!r} is none of its statements"
-        for name, ability in (("jacking", Jacked), ("sag", Sagging)):
-            # groups that derive from `Prestressed` list all statements, and refuse these
-            own = "statements" in vars(kind)
-            if own and name in group.statements and not isinstance(group, ability):
-                yield f"statements: {name!r} needs the ability `{ability.__name__}`"
+                yield f"components: {name!r} is none of its inputs"
+        for name, ability in (("jacking", Jackable), ("sag", Hanging)):
+            # groups that derive from `Prestressed` list all inputs, and refuse these
+            own = "phase_inputs" in vars(kind)
+            if own and name in group.phase_inputs and not isinstance(group, ability):
+                yield f"phase_inputs: {name!r} needs the ability `{ability.__name__}`"
 
 
 def _inherits_default(kind, method):
@@ -108,7 +108,7 @@ def check(
     The end forces must be the gradient of the energy and the tangent symmetric, unless the group
     says ``symmetric = False``; the tangent must be the derivative of the end forces in any case.
     Forces, tangent and energy must be finite, also before any motion. Arrays must be fields of the
-    pytree, since others are lost where jax takes it apart. A statement that selects no element must
+    pytree, since others are lost where jax takes it apart. An input that selects no element must
     not change the state, and an element that is added must get a state of the same fields and
     shapes. Where elements rotate, the quaternions q and -q must give the same forces.
 

@@ -113,7 +113,7 @@ class ElementState:
             )
         return self.rest_length
 
-    def weighed_anew(self) -> Self:
+    def reset_load_bearing_length(self) -> Self:
         """Return the state with `load_bearing_length` set to the present unstressed length.
 
         It is called at the start of every phase. The default is the state as it is, for elements

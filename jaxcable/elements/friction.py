@@ -47,7 +47,8 @@ class StraightSegments(NamedTuple):
     Attributes:
         cable: the element: `force` by strain, not negative, and `strain_at`, its inverse.
         length: present lengths, [n], m; 0 for segments that only fill up a shorter chain.
-        excess: present length minus unstressed length, if nothing slips in this increment, [n], m.
+        stuck_elongation: present length minus unstressed length, if nothing slips in this
+            increment, [n], m.
         bound: largest logarithm of the ratio of successive tensions, [n - 1]; zero beside segments
             that only fill up.
         clamped: whether the cable is clamped to a deviator, [n - 1].
@@ -57,7 +58,7 @@ class StraightSegments(NamedTuple):
 
     cable: TensionOnly
     length: Float[Array, " n"]
-    excess: Float[Array, " n"]
+    stuck_elongation: Float[Array, " n"]
     bound: Float[Array, " n_deviator"]
     clamped: Bool[Array, " n_deviator"]
     jack: Jack | None
@@ -128,25 +129,25 @@ def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:
     It is unstressed length, positive towards the next segment; zero where the cable sticks, and
     where it has no tension.
     """
-    return (jnp.triu(shares_block(found.sign), 1) @ found.gained)[:-1]
+    return (jnp.triu(connected_by_slips(found.sign), 1) @ found.gained)[:-1]
 
 
-def is_at_change(found: SegmentTensions, lengths: Float[Array, " n"]) -> Bool[Array, " n_deviator"]:
+def at_slip_limit(found: SegmentTensions, length: Float[Array, " n"]) -> Bool[Array, " n_deviator"]:
     """Return where the cable is between sticking and slipping, up to rounding, [n - 1] bool.
 
     Tensions have no derivative there: under a larger load it slips, under a smaller one it sticks.
-    Clamps are not looked at. `lengths` are the present ones of the segments, [n], m.
+    Clamps are not looked at. `length` is the present one of each segment, [n], m.
     """
     before, after = found.at_deviators()
-    eps = _ROUNDINGS * jnp.finfo(lengths.dtype).eps
+    eps = _ROUNDINGS * jnp.finfo(length.dtype).eps
     taut = (after > 0) & (before > 0)
     ratio = jnp.where(taut, after, 1.0) / jnp.where(taut, before, 1.0)
     at_bound = jnp.abs(jnp.log(ratio)) >= found.bound * (1 - eps) - eps
-    still = jnp.abs(slips(found)) <= eps * jnp.sum(lengths)
+    still = jnp.abs(slips(found)) <= eps * jnp.sum(length)
     return taut & (found.bound > 0) & at_bound & still
 
 
-def shares_block(sign: Float[Array, " n_deviator"]) -> Float[Array, "n n"]:
+def connected_by_slips(sign: Float[Array, " n_deviator"]) -> Float[Array, "n n"]:
     """Return which segments are connected by slips, [n, n], as floats 0 or 1."""
     block = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.where(sign == 0, 1.0, 0.0))])
     return jnp.where(block[:, None] == block[None, :], 1.0, 0.0).astype(sign.dtype)
@@ -162,7 +163,7 @@ def mismatches(
     or with a jack the first tension is that of the jack. `rate` has the derivatives of elongations
     by tensions, m/N.
     """
-    earlier = jnp.tril(shares_block(found.sign))
+    earlier = jnp.tril(connected_by_slips(found.sign))
     balance = earlier @ found.gained / (earlier @ lax.stop_gradient(rate))
     if jack is not None:
         force, jacked = jack
@@ -189,7 +190,7 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
 
     A cable that is longer than its chain everywhere between two clamps has no tension there.
     """
-    tension, sign = _search(lax.stop_gradient(segments))
+    tension, sign = _find_slips(lax.stop_gradient(segments))
     solver = TangentSolver(solve_small, solve_small)
     tension = implicit_root(_mismatches, tension, (segments, sign), solver)
     return _at_tensions(segments, tension, sign)
@@ -212,7 +213,7 @@ def elongations_and_rates(
 
 def _at_tensions(segments, tension, sign):
     """Return the `SegmentTensions` of straight segments under tensions, [n], N."""
-    gained = segments.excess - elongations_and_rates(segments, tension)[0]
+    gained = segments.stuck_elongation - elongations_and_rates(segments, tension)[0]
     gained = jnp.where(tension > 0, gained, 0.0)
     return SegmentTensions(tension, None, sign, segments.bound, gained)
 
@@ -226,17 +227,17 @@ def _mismatches(tension, parameters):
     return jnp.where(slack, tension, mismatches(found, rate, segments.jack))
 
 
-def _search(segments):
+def _find_slips(segments):
     """Return the tensions of all segments, [n], N, and the signs of the slips, [n - 1]."""
-    unstressed = segments.length - segments.excess
-    strain = segments.excess / jnp.where(unstressed > 0, unstressed, 1.0)
+    unstressed = segments.length - segments.stuck_elongation
+    strain = segments.stuck_elongation / jnp.where(unstressed > 0, unstressed, 1.0)
     strain = jnp.where(unstressed <= 0, 1.0, strain)  # as an end of a bracket only
     is_real = segments.length > 0
     stuck = jnp.where(is_real, jnp.maximum(segments.cable.force(strain), 0.0), 0.0)
     return tensions_and_signs(
         SegmentsThatSlip(
             stuck,
-            segments.excess,
+            segments.stuck_elongation,
             is_real,
             jnp.where(segments.clamped, jnp.inf, segments.bound),
             None,

@@ -17,22 +17,22 @@ from ..common import checks
 from ..common.rules import Rule, not_negative
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
-from .abilities import STATEMENTS
+from .abilities import PHASE_INPUTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Scalar
 from .element_state import OwnState
 from .friction import (
     StraightSegments,
+    at_slip_limit,
     axle_bound,
     deviation_angles,
     elongations_and_rates,
-    is_at_change,
     segment_tensions,
     slips,
 )
 from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
+from .phase_input import InputValues, PhaseInput
 from .prestress import AxialState
 from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
-from .statement import StatedValues, Statement
 
 
 def _open_or_closed(name, values):
@@ -103,9 +103,9 @@ class FrictionCables(SlidingCables):
         *(TENSION, PEAK_TENSION, SECTION_STRAIN),
         *(SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
     )
-    statements = (
-        *(name for name in STATEMENTS if name not in ("sag", "built_sag", "horizontal_tension")),
-        Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+    phase_inputs = (
+        *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
+        PhaseInput("clamped", "-", ramped=False, rules=(_open_or_closed,)),
     )
     per_element = (  # type: ignore[assignment]  # three more
         *SlidingCables.per_element,
@@ -122,6 +122,7 @@ class FrictionCables(SlidingCables):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
     def _floats_per_element(self, name):
+        """Return a field with a value for each cable, or for each deviator of each, as floats."""
         if name not in ("friction", "axle_friction") or getattr(self, name) is None:
             return super()._floats_per_element(name)
         count, width = index_array(self.links).shape
@@ -167,15 +168,15 @@ class FrictionCables(SlidingCables):
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
         fed = jnp.zeros_like(state.rest_length)
-        return FrictionState(**fields, clamped=zero, fed=fed, laid=zero)
+        return FrictionState(**fields, clamped=zero, fed_length=fed, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
         state = super().state_at_activation(state, ends, motion)
         _, before, length = segment_length_changes(ends, motion)
-        # of a cable as long as its initial chain: statements of the phase may change its length
-        laid = jnp.cumsum(before - jnp.sum(before) * (length / jnp.sum(length)))[:-1]
-        return copy_with(state, laid=laid, fed=jnp.zeros_like(state.fed))
+        # of a cable as long as its initial chain: inputs of the phase may change its length
+        slip = jnp.cumsum(before - jnp.sum(before) * (length / jnp.sum(length)))[:-1]
+        return copy_with(state, initial_slip=slip, fed_length=jnp.zeros_like(state.fed_length))
 
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
@@ -183,20 +184,20 @@ class FrictionCables(SlidingCables):
         like = next(iter(self.properties().values()))
         return jnp.zeros((count, width - 2), jnp.asarray(like).dtype)
 
-    def apply_statements(
+    def apply_phase_inputs(
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, StatedValues],
+        inputs: Mapping[str, InputValues],
     ) -> FrictionState:
-        """Return the state after the statements of a phase; see the class for shortenings."""
-        known = {name: stated for name, stated in statements.items() if name != "clamped"}
-        state = super().apply_statements(state, ends, known)  # an `AxialState` of the same class
-        if "clamped" in statements:
-            stated = statements["clamped"]
+        """Return the state after the inputs of a phase; see the class for shortenings."""
+        known = {name: stated for name, stated in inputs.items() if name != "clamped"}
+        state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
+        if "clamped" in inputs:
+            stated = inputs["clamped"]
             state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
-        if "shortening" in statements:
-            state = copy_with(state, fed=state.fed - statements["shortening"].values)
+        if "shortening" in inputs:
+            state = copy_with(state, fed_length=state.fed_length - inputs["shortening"].values)
         return state
 
     def committed_memory(
@@ -242,14 +243,13 @@ class FrictionCables(SlidingCables):
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
-        gained = jnp.where(found.tension > 0, found.gained, segments.excess)
-        fed = gained[0] + jnp.sum(slips(found)[:1])
-        fed = jnp.where(self._jack(state)[1], fed, 0.0)
+        gained = jnp.where(found.tension > 0, found.gained, segments.stuck_elongation)
+        fed = jnp.where(self._jack(state)[1], gained[0] + jnp.sum(slips(found)[:1]), 0.0)
         return copy_with(
             state,
             rest_length=state.rest_length + fed,
             elongation=state.elongation - fed,
-            fed=state.fed + fed,
+            fed_length=state.fed_length + fed,
             jack_force=None,
             jacked=None,
         )
@@ -265,20 +265,20 @@ class FrictionCables(SlidingCables):
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         segment, length = moved_segments_with_lengths(ends, motion)
-        excess = self.excess_lengths(state, ends, motion)
+        elongation = self.stuck_elongations(state, ends, motion)
         bound = self.friction_bound(deviation_angles(segment[:-1], segment[1:]), length)
         clamped = self.closed_clamps(state, length)
-        segments = StraightSegments(self, length, excess, bound, clamped, self._jack(state))
+        segments = StraightSegments(self, length, elongation, bound, clamped, self._jack(state))
         return segments, segment_tensions(segments)
 
-    def excess_lengths(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
+    def stuck_elongations(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
         change, before, _ = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _stretch(state), 1)
-        laid = jnp.diff(jnp.pad(state.laid, 1))
-        excess = (before - laid) / jnp.sum(before) * (state.elongation + state.fed)
-        excess = excess + change + laid + slip[1:] - slip[:-1]
-        return excess.at[0].add(-state.fed)
+        slip = jnp.pad(state.memory * _thermal_stretch(state), 1)
+        moved = jnp.diff(jnp.pad(state.initial_slip, 1))
+        elongation = (before - moved) / jnp.sum(before) * (state.elongation + state.fed_length)
+        elongation = elongation + change + moved + slip[1:] - slip[:-1]
+        return elongation.at[0].add(-state.fed_length)
 
     def closed_clamps(
         self, state: OwnState, length: Float[Array, " n"]
@@ -322,7 +322,7 @@ class FrictionCables(SlidingCables):
         It is unstressed length at the reference temperature.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
-        return state.memory + slips(found) / _stretch(state)
+        return state.memory + slips(found) / _thermal_stretch(state)
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -358,7 +358,7 @@ class FrictionCables(SlidingCables):
         Where it has slipped before and loads pause, derivatives are those of slipping on.
         """
         segments, found = self._segments_with_tensions(state, ends, motion)
-        change = is_at_change(found, segments.length) & (state.clamped == 0)
+        change = at_slip_limit(found, segments.length) & (state.clamped == 0)
         change = change & (state.memory == 0)
         unstressed = self.is_unstressed(copy_with(state, jack_force=None), ends, motion)
         return jnp.any(change) | unstressed
@@ -408,6 +408,6 @@ def _forces_of_segments(pull, sign=-1.0):
     return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
 
 
-def _stretch(state):
+def _thermal_stretch(state):
     """Return the unstressed length of one cable over that at the reference temperature."""
     return 1.0 if state.thermal_stretch is None else state.thermal_stretch

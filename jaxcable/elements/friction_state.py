@@ -24,13 +24,13 @@ class FrictionState(AxialState):
 
     Attributes:
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
-        fed: unstressed length that has come in at the first end, where a jack or a shortening acts:
-            it is in the first segment, and not in all segments alike, [n_elem], m.
-        laid: initial length before each deviator less what a cable of the whole initial length has
-            there, divided among its segments as their lengths were when a phase added it,
-            [n_elem, n_deviator], m; 0 if it was there from the beginning.
+        fed_length: unstressed length fed in at the first end, where a jack or a shortening acts: it
+            is in the first segment only, [n_elem], m; negative where the cable is pulled out.
+        initial_slip: slip over each deviator, relative to the initial nodes and towards the next
+            segment, with which a cable of the initial length is added to the displaced nodes, so
+            that all segments have one strain, [n_elem, n_deviator], m.
     """
 
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
-    fed: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
-    laid: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+    fed_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+    initial_slip: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given

@@ -39,7 +39,7 @@ class HangingSegments(NamedTuple):
         cable: the element, of which `friction_bound` is asked.
         chord: from the first to the last end of each segment, [n, 3], m.
         length: of the chords, [n], m.
-        excess: chord minus unstressed length, if nothing slips in this increment, [n], m.
+        stuck_elongation: chord minus unstressed length, if nothing slips now, [n], m.
         load: dead load per unstressed length, [3], N/m.
         stiffness: EA, N.
         clamped: whether the cable is clamped to a deviator, [n - 1].
@@ -49,7 +49,7 @@ class HangingSegments(NamedTuple):
     cable: Any
     chord: Float[Array, "n 3"]
     length: Float[Array, " n"]
-    excess: Float[Array, " n"]
+    stuck_elongation: Float[Array, " n"]
     load: Float[Array, " 3"]
     stiffness: Scalar
     clamped: Bool[Array, " n_deviator"]
@@ -78,7 +78,7 @@ class HangingShape(NamedTuple):
 @jax.jit  # traced once, although a program calls it for forces, tangents and results
 def hanging_tensions(segments: HangingSegments) -> tuple[SegmentTensions, HangingShape]:
     """Return tensions and shapes of the segments of one cable, with derivatives of any order."""
-    elongation, sign = _search(lax.stop_gradient(segments))
+    elongation, sign = _find_slips(lax.stop_gradient(segments))
     solver = TangentSolver(solve_small, solve_small)
     elongation = implicit_root(_mismatches, elongation, (segments, sign), solver)
     shape = _hang(segments, elongation)
@@ -109,7 +109,7 @@ def _hang(segments, elongation):
 
 def _with_slips(segments, elongation, shape, sign):
     """Return the `SegmentTensions` of hanging segments."""
-    gained = jnp.where(segments.length > 0, segments.excess - elongation, 0.0)
+    gained = jnp.where(segments.length > 0, segments.stuck_elongation - elongation, 0.0)
     gained = jnp.where(shape.tension > 0, gained, 0.0)
     return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained)
 
@@ -140,7 +140,7 @@ def _mismatches(elongation, parameters):
     # rates only scale the equations, but are not zero
     rate = jnp.where(held, 1.0, shallow_elongations(lax.stop_gradient(segments), tension)[1])
     found = _with_slips(segments, elongation, shape, sign)
-    kept = elongation - jnp.where(segments.length > 0, segments.excess, 0.0)
+    kept = elongation - jnp.where(segments.length > 0, segments.stuck_elongation, 0.0)
     return jnp.where(held, kept, mismatches(found, rate, segments.jack))
 
 
@@ -167,13 +167,13 @@ class _SearchState(NamedTuple):
     steps: Int[Array, ""]
 
 
-def _search(segments):
+def _find_slips(segments):
     """Return elongations of the segments, [n], m, and the signs of the slips, [n - 1].
 
     They are NaN where there is no equilibrium, or none was found.
     """
-    real = segments.length > 0
-    alone = jnp.where(real, segments.excess, 0.0)
+    real, jack = segments.length > 0, segments.jack
+    alone = jnp.where(real, segments.stuck_elongation, 0.0)
     stuck = _hang(segments, alone).tension
     eps = jnp.finfo(alone.dtype).eps * jnp.sum(segments.length)
 
@@ -183,13 +183,13 @@ def _search(segments):
         model = partial(_near_elongations, segments, s.elongation, shape.tension, ratio)
         bound = jnp.where(segments.clamped, jnp.inf, shape.bound)
         tension, sign = tensions_and_signs(
-            SegmentsThatSlip(stuck, segments.excess, real, bound, shape.drop, model, segments.jack)
+            SegmentsThatSlip(stuck, segments.stuck_elongation, real, bound, shape.drop, model, jack)
         )
         sign = jnp.where(real[1:] & real[:-1], sign, 0.0)
         slips = jnp.pad(sign, 1) != 0
         changes = slips[1:] | slips[:-1]
-        if segments.jack is not None:
-            changes = changes.at[0].set(changes[0] | segments.jack[1])
+        if jack is not None:
+            changes = changes.at[0].set(changes[0] | jack[1])
         changes = changes & real
         new = jnp.where(changes, model(tension)[0], alone)
         moved = jnp.max(jnp.abs(new - s.elongation))

@@ -42,7 +42,7 @@ from .element import Scalar
 
 
 @pytree(static=("sheared",))
-class PointTerms:
+class SpanLoads:
     """Concentrated loads of an element in its frame, and its section, if that is linear.
 
     Attributes:
@@ -79,7 +79,7 @@ class PointTerms:
 
         Args:
             rotations: of both ends about y and z, [2, 2], rad.
-            sag: as of `PointTerms`.
+            sag: as of `SpanLoads`.
             axial: coefficients of both Legendre polynomials in the axial strain, [2].
 
         Returns:
@@ -108,7 +108,7 @@ class PointTerms:
             The displacement of the neutral axis along the element, [n], and the deflections that
             are conjugate to moments about y and z, [n, 2].
         """
-        s, c, passed = places[:, None], self.places[None], is_before(self.places, places)
+        s, c, passed = places[:, None], self.places[None], acts_before(self.places, places)
         across, past, before = bending_loads(self.forces), jnp.maximum(s - c, 0.0), 1 - c
         by_force = _clamped_deflection(s, c, past, order)
         by_couple = _clamped_deflection_by_couple(s, c, past, passed, order)
@@ -168,8 +168,8 @@ class PointTerms:
         return total + 0.5 * jnp.sum(_slope_product_integrals(c) * (pushed @ pushed.T))
 
 
-class PointForces(NamedTuple):
-    """What concentrated loads add to the forces of an element.
+class SpanLoadForces(NamedTuple):
+    """Contributions of concentrated loads to the forces of an element.
 
     Attributes:
         first, second: to the moments on the ends about y and z, [2], N m.
@@ -186,15 +186,15 @@ class PointForces(NamedTuple):
     pull: Float[Array, " 3"]
 
 
-def point_forces(
-    terms: PointTerms, rotations: Float[Array, "2 2"], axial: Float[Array, " 2"], tension: Scalar
-) -> PointForces:
-    """Return what concentrated loads add to the forces of an element, `PointForces`.
+def span_load_forces(
+    terms: SpanLoads, rotations: Float[Array, "2 2"], axial: Float[Array, " 2"], tension: Scalar
+) -> SpanLoadForces:
+    """Return what concentrated loads add to the forces of an element, `SpanLoadForces`.
 
     They are derivatives of the potential of the loads.
 
 
-    `rotations` and `axial` are those of `PointTerms.field_of_ends`, `tension` is the axial force,
+    `rotations` and `axial` are those of `SpanLoads.field_of_ends`, `tension` is the axial force,
     its mean along the element, N.
     """
 
@@ -220,17 +220,17 @@ def point_forces(
         bent = length**2 / 12 * ((by_sag - coupling * by_axial[1]) @ terms.compliance)
         pull = jnp.stack([0.5 * length / terms.axial * by_axial[0], -bent[1], bent[0]])
         by_end = by_end - (3 / length * coupling * by_axial[0])[None]
-    return PointForces(-by_end[0], -by_end[1], -by_sag, -by_axial, torque, pull)
+    return SpanLoadForces(-by_end[0], -by_end[1], -by_sag, -by_axial, torque, pull)
 
 
-def strain_of_clamped_field(terms: PointTerms, places: Float[Array, " n"]) -> Float[Array, "n 3"]:
+def strain_of_clamped_field(terms: SpanLoads, places: Float[Array, " n"]) -> Float[Array, "n 3"]:
     """Return the strains e0, ky, kz of the second field at places, [n, 3]; linear sections."""
     stretch = terms.clamped_field(places, 1)[0] / terms.length
     curvature = terms.clamped_field(places, 2)[1] / terms.length**2
     return jnp.concatenate([(stretch - curvature @ terms.coupling)[:, None], curvature], axis=1)
 
 
-def is_before(places: Float[Array, " k"], at: Float[Array, " n"]) -> Float[Array, "n k"]:
+def acts_before(places: Float[Array, " k"], at: Float[Array, " n"]) -> Float[Array, "n k"]:
     """Return 1 where a load at `places` is before a section `at`, else 0, [n, k].
 
     A section at the place of a load is before it, except at the first end of the element, where it

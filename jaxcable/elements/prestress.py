@@ -14,10 +14,10 @@ from ..common import checks
 from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.vectors import scalar_product
-from .abilities import STATEMENTS, Prestressable
+from .abilities import PHASE_INPUTS, Prestressable
 from .element import Ends, Motion, Scalar
 from .element_state import ElementLoad, ElementState
-from .statement import StatedValues
+from .phase_input import InputValues
 
 
 @pytree
@@ -63,7 +63,7 @@ class AxialState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
-    def weighed_anew(self) -> Self:
+    def reset_load_bearing_length(self) -> Self:
         """Return the state at the start of a phase: weight and loads act on the unstressed length.
 
         In the phase of a jack they act on the length before, and from then on on that which it has
@@ -81,14 +81,14 @@ class AxialState(ElementState):
 class Prestressed(Prestressable):
     """Base of bars, cables and beams: elements with an unstressed length that phases can change.
 
-    The length is kept in their state, an `AxialState`. Statements of a phase (`STATEMENTS`, such as
-    a pretension, a shortening or a temperature) are applied to it by `apply_statements`.
+    The length is kept in their state, an `AxialState`. Inputs of a phase (`PHASE_INPUTS`, such as
+    a pretension, a shortening or a temperature) are applied to it by `apply_phase_inputs`.
     Classes have the fields `rest_length`, `weight` and `expansion`, each of which may be None, and
     write `strain_at`.
     """
 
     has_length = True
-    statements = tuple(STATEMENTS)
+    phase_inputs = tuple(PHASE_INPUTS)
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Return the weight of every element, [n_elem], N; None if the group has no weight."""
@@ -159,16 +159,16 @@ class Prestressed(Prestressable):
             thermal_stretch=thermal_stretch,
         )
 
-    def apply_statements(
+    def apply_phase_inputs(
         self,
         state: AxialState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, StatedValues],
+        inputs: Mapping[str, InputValues],
     ) -> AxialState:
-        """Return the state of the group after the prestress statements of a phase have changed it.
+        """Return the state of the group after the prestress inputs of a phase have changed it.
 
-        `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `StatedValues` by name.
-        Statements of a tension, strain, length or sag come first, then shortening, then
+        `ends` are the initial ends [n_elem, n_end, 3]; `inputs` are `InputValues` by name.
+        Inputs of a tension, strain, length or sag come first, then shortening, then
         temperature. The first ones describe the element at its present temperature: they replace
         what was stated before, shortenings included, and keep the temperature. A shortening is
         measured at the present temperature, too. Changes of temperature add up: the unstressed
@@ -184,23 +184,23 @@ class Prestressed(Prestressable):
         thermal_stretch: float | Float[Array, " n_elem"] = (
             1.0 if state.thermal_stretch is None else state.thermal_stretch
         )
-        for name, stated in statements.items():
+        for name, stated in inputs.items():
             if name in ("shortening", "temperature"):
                 continue
             if name == "rest_length":
                 rest = stated.select(stated.values, chord)
                 lengths = rest, chord - rest
             else:
-                strain = self.strain_of_statement(name, stated, state, ends, chord)
+                strain = self.required_chord_strain(name, stated, state, ends, chord)
                 lengths = chord / (1 + strain), chord * (strain / (1 + strain))
             rest_length, elongation = map(stated.select, lengths, (rest_length, elongation))
             loaded = stated.select(rest_length / thermal_stretch, loaded)
-        if "shortening" in statements:
-            change = statements["shortening"].values
+        if "shortening" in inputs:
+            change = inputs["shortening"].values
             rest_length, elongation = rest_length - change, elongation + change
             loaded = loaded - change / thermal_stretch
-        if "temperature" in statements:
-            strain = self.expansion * statements["temperature"].values
+        if "temperature" in inputs:
+            strain = self.expansion * inputs["temperature"].values
             change = rest_length / thermal_stretch * strain
             rest_length, elongation = rest_length + change, elongation - change
             thermal_stretch = thermal_stretch + strain
@@ -212,21 +212,21 @@ class Prestressed(Prestressable):
             thermal_stretch=None if state.thermal_stretch is None else thermal_stretch,
         )
 
-    def strain_of_statement(
+    def required_chord_strain(
         self,
         name: str,
-        stated: StatedValues,
+        stated: InputValues,
         state: AxialState,
         ends: Float[Array, "n_elem n_end 3"],
         chord: Float[Array, " n_elem"],
     ) -> Float[Array, " n_elem"]:
-        """Return the strain of the initial chords that a statement of prestress requires, [n_elem].
+        """Return the strain of the initial chords that a prestress input requires, [n_elem].
 
         Args:
             name: "pretension", "force_density", "sag", or one whose values are strains already, as
                 those of "prestrain" are; not a length, a temperature or a jack.
             stated: its values, and the elements that it concerns.
-            state: state before the statement: its history variables, and its thermal stretch.
+            state: state before the input: its history variables, and its thermal stretch.
             ends: initial positions of the ends, m.
             chord: their distances, m.
         """
@@ -239,9 +239,9 @@ class Prestressed(Prestressable):
             if stated.chosen is not None:  # others may be plumb: level spans have derivatives
                 level = jnp.zeros_like(ends).at[:, 1, 0].set(chord)
                 ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
-            hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
+            hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Hanging`
             return hung(ends, sag, 1.0 if state.thermal_stretch is None else state.thermal_stretch)
-        if name != "prestrain" and name in STATEMENTS:
+        if name != "prestrain" and name in PHASE_INPUTS:
             raise AssertionError(f"{name} is no strain")
         return stated.values
 

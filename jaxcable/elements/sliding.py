@@ -18,14 +18,14 @@ from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import Indices, index_array, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from .abilities import Jacked, Rounding
+from .abilities import Jackable, RoundingEstimate
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jack_value_or
 
 
 @pytree(indices=("links",))
-class SlidingCables(TensionOnly, Jacked, Rounding):
+class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
     """A group of cables that slide without friction over their nodes; tension only.
 
     Every value per element is one value per cable: one tension, one unstressed length, one weight.
@@ -67,7 +67,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     links: Int[ArrayLike, "n_elem 2+"]
 
-    # no `Secant`: the tension depends on all pieces, so that one piece has no secant stiffness
+    # no `SecantStiffness`: the tension depends on all pieces, so that a single one has none
     shaped_by_load = slides = True
     tangent = Element.tangent  # that of `Axial` is for two nodes
     paired = False

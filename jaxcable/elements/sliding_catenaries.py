@@ -112,7 +112,7 @@ class SlidingCatenaries(FrictionCables):
             self,
             chord,
             length,
-            self.excess_lengths(state, ends, motion),
+            self.stuck_elongations(state, ends, motion),
             load,
             jnp.asarray(self.stiffness_with_spring, length.dtype),
             self.closed_clamps(state, length),

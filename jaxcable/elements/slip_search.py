@@ -28,7 +28,7 @@ class SegmentsThatSlip(NamedTuple):
 
     Attributes:
         stuck: tension of each segment if nothing slips in this increment, [n], N.
-        excess: present length minus unstressed length then, [n], m.
+        stuck_elongation: present length minus unstressed length then, [n], m.
         is_real: False for segments that only fill up a shorter chain, [n].
         bound: largest logarithm of the ratio of the tensions on both sides of every deviator,
             [n - 1]; infinite at a clamp, zero beside segments that only fill up.
@@ -40,7 +40,7 @@ class SegmentsThatSlip(NamedTuple):
     """
 
     stuck: Float[Array, " n"]
-    excess: Float[Array, " n"]
+    stuck_elongation: Float[Array, " n"]
     is_real: Bool[Array, " n"]
     bound: Float[Array, " n_deviator"]
     drop: Float[Array, " n"] | None
@@ -74,7 +74,7 @@ def tensions_and_signs(
     at = best[:-1], (drop[:-1], drop[1:]), growth
     _, (tension, sign) = lax.scan(go_back, last, at, reverse=True)
     # comparisons with NaN are false: they would pass for a cable that sticks
-    given = jnp.sum(segments.excess) + jnp.sum(jnp.minimum(bound, CLAMPED))
+    given = jnp.sum(segments.stuck_elongation) + jnp.sum(jnp.minimum(bound, CLAMPED))
     return jnp.where(jnp.isnan(given), given, jnp.append(tension, last)), sign
 
 
@@ -106,7 +106,7 @@ def _best_tensions(segments, growth, drop):
         high = jnp.where(ends[1] > 0, ends[1] * ratio, ends[1]) - drop[i]
         end = before - drop[i - 1]
         alone = jnp.where(segments.is_real[i], segments.stuck[i], end - drop[i])
-        found = _best_tension(segments, growth, drop, best, i, alone, (low, high))
+        found = _minimizing_tension(segments, growth, drop, best, i, alone, (low, high))
         sticks = ~((alone + drop[i]) * ratio < end) & ~(alone + drop[i] > end * ratio)
         found = jnp.where(sticks, alone, found)
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
@@ -115,7 +115,7 @@ def _best_tensions(segments, growth, drop):
     return best, best[-1]
 
 
-def _best_tension(segments, growth, drop, best, i, alone, reach):
+def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
     """Return the tension of segment i that is best for the segments 0 to i together, N.
 
     Args:
@@ -142,7 +142,7 @@ def _best_tension(segments, growth, drop, best, i, alone, reach):
 
     def step(s):
         tension, low, high, _, count = s
-        value, rate = _total_mismatch(segments, growth, drop, best, i, tension)
+        value, rate = _length_mismatch_and_rate(segments, growth, drop, best, i, tension)
         low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
         new = tension - value / rate
         new = jnp.where((new >= low) & (new <= high), new, 0.5 * (low + high))
@@ -153,11 +153,11 @@ def _best_tension(segments, growth, drop, best, i, alone, reach):
     found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
     # a cable that is too long even under a vanishing tension has none
     vanishing = jnp.full_like(start, jnp.finfo(start.dtype).tiny / eps)
-    too_long = _total_mismatch(segments, growth, drop, best, i, vanishing)[0] >= 0
+    too_long = _length_mismatch_and_rate(segments, growth, drop, best, i, vanishing)[0] >= 0
     return jnp.where(too_long, 0.0, found)
 
 
-def _total_mismatch(segments, growth, drop, best, i, tension):
+def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):
     """Return by how much the segments that slip with segment i are too long for its tension, m.
 
     It is the sum over the segments whose tension changes with that of segment i, and increases with
@@ -184,5 +184,5 @@ def _total_mismatch(segments, growth, drop, best, i, tension):
     )
     counts = counts & (jnp.arange(n) <= i)
     stretched, rate = segments.elongations_and_rates(tensions)
-    mismatch = jnp.sum(jnp.where(counts, stretched - segments.excess, 0.0))
+    mismatch = jnp.sum(jnp.where(counts, stretched - segments.stuck_elongation, 0.0))
     return mismatch, jnp.sum(jnp.where(counts, shares * rate, 0.0))

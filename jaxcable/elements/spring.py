@@ -25,7 +25,7 @@ from ..numerics.rotations import (
     stereographic_to_rotation_vector,
     to_stereographic,
 )
-from .abilities import Rounding
+from .abilities import RoundingEstimate
 from .contact import OPENING
 from .element import TENSION, Ends, Forces, Motion, Result, Scalar
 from .element_state import ElementState
@@ -56,7 +56,7 @@ class SpringState(ElementState):
     present: Bool[Array, " n_elem"] | None = None
 
 
-class OnGround(Rounding):
+class GroundElement(RoundingEstimate):
     """Elements of one node that join it to the ground; a base class of springs and bearings."""
 
     def spring_force(self, state: SpringState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
@@ -78,14 +78,14 @@ class OnGround(Rounding):
 
 
 @pytree(indices=("links",))
-class Springs(OnGround):
+class Springs(GroundElement):
     """A group of linear springs from nodes to the ground, along and about fixed axes.
 
     The ground pulls a displaced node back with ``-K u``; with `rotational_stiffness` it turns it
     back with a moment of the potential ``theta.K theta / 2``, where ``theta`` is the rotation
     vector of the node (angle times axis, below half a turn): about a single axis, and with the same
     stiffness about all axes, this is ``-K theta``. Elastic foundations and soft anchorages are such
-    springs. One that only presses is one of `Bearings`.
+    springs. One that only presses is one of `GroundContacts`.
 
     Args:
         links: node numbers, [n_elem] or [n_elem, 1]. Several springs may be at a node.
@@ -222,15 +222,14 @@ class Springs(OnGround):
 
 
 @pytree(indices=("links",))
-class Bearings(OnGround):
-    """A group of bearings on the ground that only press: their nodes can lift off.
+class GroundContacts(GroundElement):
+    """A group of unilateral contacts of nodes with the ground, such as bearings that can lift off.
 
     The ground presses a node along `normal` with ``k d``, where d is the depth by which the node
     has come below the surface of the ground, which is plane; it does not hold it along the surface
-    (no friction). A bearing closes after its node has moved by `gap` towards the ground. At exactly
-    ``d = 0`` the tangent is that of the closed bearing. Reports count open bearings among the slack
-    elements. (Unlike one of `Contacts`, a bearing keeps its direction, and so its energy is
-    convex.)
+    (no friction). A contact closes after its node has moved by `gap` towards the ground. At exactly
+    ``d = 0`` the tangent is that of the closed contact. Reports count open contacts among the slack
+    elements. (Unlike one of `Contacts`, it keeps its direction, and so its energy is convex.)
 
     Args:
         links: node numbers, [n_elem] or [n_elem, 1].
@@ -252,7 +251,7 @@ class Bearings(OnGround):
         >>> nodes = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9), (4, 4))
         >>> elements = {"beam": jc.Beams([[0, 1], [1, 2]], section=section),
-        ...             "ground": jc.Bearings([0, 1], 1e9)}
+        ...             "ground": jc.GroundContacts([0, 1], 1e9)}
         >>> held = jc.restrained([0, 1], "xy", about="x")
         >>> structure = jc.Structure(nodes, elements, held)
         >>> loads = jc.NodalLoads([0, 2], [(0.0, 0.0, -200.0), (0.0, 0.0, -300.0)])

@@ -1,4 +1,4 @@
-"""Tests of the states of an element class: statements for no element, activated elements."""
+"""Tests of the states of an element class: inputs for no element, activated elements."""
 
 from __future__ import annotations
 
@@ -10,39 +10,39 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import copy_with
-from .abilities import Sagging, components_of, statements_of
+from .abilities import Hanging, accepted_inputs, component_names
 from .element import Element
 from .element_state import OwnState
+from .phase_input import InputValues
 from .prestress import call_each_element
-from .statement import StatedValues
 
 _NO_CHANGE_AT_ONCE = ("jacking", "end_tension", "horizontal_tension", "built_sag")
-"""Statements that `apply_statements` never gets: they hold in equilibrium."""
+"""Inputs that `apply_phase_inputs` never gets: they hold in equilibrium."""
 
 
-def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
-    """Yield faults of the state after a statement that selects no element: nothing may change.
+def phase_input_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
+    """Yield faults of the state after an input that selects no element: nothing may change.
 
-    A phase without a statement gets one for no element if another phase has the statement.
+    A phase without an input gets one for no element if another phase has the input.
     """
-    stateable: Any = group  # a `Prestressable`, if it accepts any statement
-    for name in statements_of(group):
-        if not _can_test_statement(name, group):
+    stateable: Any = group  # a `Prestressable`, if it accepts any input
+    for name in accepted_inputs(group):
+        if not _can_test_input(name, group):
             continue
-        shape = (len(group.links), *filter(None, [len(components_of(group, name))]))
-        nothing = {name: StatedValues(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
-        words = "the same state where the statement concerns no element"
+        shape = (len(group.links), *filter(None, [len(component_names(group, name))]))
+        nothing = {name: InputValues(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
+        words = "the same state where the input concerns no element"
         try:
-            after: Any = stateable.apply_statements(state, ends, nothing)
+            after: Any = stateable.apply_phase_inputs(state, ends, nothing)
             wrong = _describe_state_difference(state, after)
         except Exception as error:  # of the author's code
-            yield describe_error(f"apply_statements: {name}", words, error)
+            yield describe_error(f"apply_phase_inputs: {name}", words, error)
             continue
         pairs = zip(*map(jax.tree.leaves, (state, after)), strict=not wrong)
         if not wrong and not all(np.array_equal(a, b, equal_nan=True) for a, b in pairs):
             wrong = "other numbers; take `stated.select(new, old)`"
         if wrong:
-            yield f"apply_statements: {name}: expected {words}, got {wrong}"
+            yield f"apply_phase_inputs: {name}: expected {words}, got {wrong}"
 
 
 def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
@@ -64,14 +64,14 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
         yield f"state_at_activation: expected {words}, got {wrong}"
 
 
-def _can_test_statement(name, group):
-    """Return whether a statement, by name, can be tested with `apply_statements` of the group.
+def _can_test_input(name, group):
+    """Return whether an input, by name, can be tested with `apply_phase_inputs` of the group.
 
     A sag needs a weight, a temperature a coefficient of expansion; those that hold in equilibrium
     only are never applied at once.
     """
     needs = {
-        "sag": isinstance(group, Sagging) and group.weight is not None,
+        "sag": isinstance(group, Hanging) and group.weight is not None,
         "temperature": group.expansion is not None,
     }
     return name not in _NO_CHANGE_AT_ONCE and needs.get(name, True)

@@ -140,7 +140,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         """
         area, law = self.area, self.law
         if self.section is not None:
-            area, law = self.section.axial()
+            area, law = self.section.uniaxial()
         if law is None:
             if self.compliance is None:
                 return self.axial_stiffness, None, None
@@ -220,7 +220,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         """Return the smallest and the largest axial force, N; infinite without a rupture strain."""
         if not self.has_rupture:
             return -jnp.inf, jnp.inf
-        area, law = (self.area, self.law) if self.section is None else self.section.axial()
+        area, law = (self.area, self.law) if self.section is None else self.section.uniaxial()
         low, high = law.capacity
         return low * area, high * area
 

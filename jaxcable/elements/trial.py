@@ -14,11 +14,11 @@ import numpy as np
 
 from ..common.tree import Indices
 from ..numerics.rotations import IDENTITY, move_node
-from .abilities import Jacked, Sagging
+from .abilities import Hanging, Jackable
 from .element import Element, Result
 from .element_state import ElementState
 from .prestress import single_element
-from .state_trial import activation_faults, describe_error, describe_type, statement_faults
+from .state_trial import activation_faults, describe_error, describe_type, phase_input_faults
 
 # Displacement at which a group is tested, over the mean distance of its ends: large enough that
 # nonlinear terms show, small enough that laws stay within their curves.
@@ -154,7 +154,7 @@ class _MethodTrial:
         yield from self._named_result_faults()
         if self.group.has_memory:
             yield from self._memory_faults()
-        yield from statement_faults(self.group, self.state, self.ends)
+        yield from phase_input_faults(self.group, self.state, self.ends)
         yield from activation_faults(self.group, self.state, self.ends, self.motion)
         if not bad:
             yield from self._derivative_faults(tol, conservative)
@@ -340,8 +340,8 @@ def _field_faults(group, state, n_elem):
     needs = (
         ("has_length", group.has_length, ("rest_length",)),
         ("has_memory", group.has_memory, ("memory",)),
-        ("Jacked", isinstance(group, Jacked), ("jack_force", "jacked")),
-        ("Sagging", isinstance(group, Sagging), ("rest_length",)),
+        ("Jackable", isinstance(group, Jackable), ("jack_force", "jacked")),
+        ("Hanging", isinstance(group, Hanging), ("rest_length",)),
         ("shaped_by_load", group.shaped_by_load, ("element_load",)),
         (
             "state_at_activation",

@@ -83,7 +83,7 @@ class AddedLoadCriterion:
     added_load: Float[Array, ""]
 
     @classmethod
-    def of_increment(
+    def for_increment(
         cls,
         system: System,
         earlier_residual: Float[Array, " n_free"],
@@ -161,7 +161,7 @@ class AddedLoadCriterion:
 
 @pytree
 class Progress:
-    """What the first point of an iteration has set, and how the residual has fallen since.
+    """Start values of an iteration, and whether its residual still falls.
 
     Attributes:
         has_begun: whether a point has been evaluated.

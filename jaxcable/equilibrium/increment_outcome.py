@@ -31,7 +31,7 @@ class IncrementOutcome:
         residual: largest unbalanced force at a free degree of freedom, N.
         scale: the force that the residual is compared with, N.
         rounding: largest residual that the rounding of displacements leaves at a free degree of
-            freedom, N; 0 if no element states any (`abilities.Rounding`).
+            freedom, N; 0 if no element states any (`abilities.RoundingEstimate`).
         equilibrated: whether the increment was iterated to equilibrium.
         stable: whether the tangent at x is known to be positive definite.
     """

@@ -34,10 +34,10 @@ from ..linear import Matrix
 from ..mechanics.assembly import EndForces, System
 from ..mechanics.tension_responses import (
     CableTensions,
+    largest_relative_motion_per_cable,
     linearized_elongation,
     net_stiffness,
     prescribed_tensions,
-    relative_motion_along_cables,
     rest_lengths,
 )
 from ..spaces.space import Motion, Step
@@ -272,7 +272,7 @@ class LengthBoundEquations:
         mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
 
         def take(own, now, elongation, system, spread):
-            motion = jnp.max(relative_motion_along_cables(system, spread))
+            motion = jnp.max(largest_relative_motion_per_cable(system, spread))
             return own._take_interior_step(now, elongation, motion)
 
         interior, given = deferred(take, mixed), (self, now, elongation, system, spread)

@@ -48,7 +48,7 @@ class NetStrategy:
 
 
 class NetSteps(StepMethod):
-    """The method of nets of cables."""
+    """Steps of the iteration in cable nets: of displacements and tensions."""
 
     farthest = 1e4  # mixed steps of anchored nets end at a part of it
 
@@ -68,7 +68,7 @@ class NetSteps(StepMethod):
         With `exact`, elongations have the precision of double-double displacements, the sum of
         motion and low-order part (`spaces.translations`), else that of a float.
         """
-        elements = CableTensions.of(self.system, x, exact)
+        elements = CableTensions.at_motion(self.system, x, exact)
         forces = elements.residual_scale_and_rounding(self.system, x)
         return Evaluation(x, *forces, elements, jnp.asarray(exact))
 
@@ -76,11 +76,11 @@ class NetSteps(StepMethod):
         """Return the `Evaluation` at `x`, with double-double displacements where they are needed.
 
         They are at the first point, and where the rounding of plain displacements could exceed the
-        tolerance (`_needs_fine_part`).
+        tolerance (`_needs_low_part`).
         """
-        return self.evaluate_at(x, ~state.progress.has_begun | self._needs_fine_part(state.point))
+        return self.evaluate_at(x, ~state.progress.has_begun | self._needs_low_part(state.point))
 
-    def _needs_fine_part(self, point):
+    def _needs_low_part(self, point):
         """Return whether the next point needs the low-order part of displacements."""
         # rounding is that of a fine part, of eps times the displacement and not eps^2
         eps, least = jnp.finfo(point.scale.dtype).eps, point.scale
@@ -93,7 +93,7 @@ class NetSteps(StepMethod):
 
         A long step may lead to where it does, from where it did not.
         """
-        return point.exact | ~self._needs_fine_part(point)
+        return point.exact | ~self._needs_low_part(point)
 
     def accept(self, state: NewtonState, tried: Evaluation, searched: Verdict) -> Verdict:
         """Accept every point with finite forces, but in a line search what that accepts."""
@@ -135,7 +135,10 @@ class NetSteps(StepMethod):
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
-        """Make the next step, of displacements and tensions."""
+        """Make the next step of displacements and tensions: Newton or interior-point method.
+
+        Arguments are those of `StepMethod.make_step`.
+        """
         system, point = self.system, state.point
         given = system, point.x, point.elements, point.residual, self.length
         equations = state.strategy.unknowns.step_equations(*given)

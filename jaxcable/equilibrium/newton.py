@@ -317,7 +317,7 @@ def solve_increments(
         system, judges = ramp.system_at(factor, memory), method.watch | (factor == 1)
         good, at_start = code == status.OK, factor == 0
         active, only_evaluates = live & good, at_start & good
-        criterion = AddedLoadCriterion.of_increment(
+        criterion = AddedLoadCriterion.for_increment(
             system, earlier_residual, begun.load, factor, largest_added
         )
         given = method, active | only_evaluates, factored, judges, criterion, only_evaluates

@@ -34,7 +34,7 @@ class Evaluation:
 
 @pytree
 class NewtonState:
-    """The state of an iteration: the last accepted point, the next step, and how it was found.
+    """State of Newton's iteration: the last accepted point, the next step, and how it was found.
 
     Attributes:
         point: `Evaluation` of the last accepted point.

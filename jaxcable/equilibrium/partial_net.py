@@ -56,7 +56,7 @@ class PartialNet:
         self.cable_of_chord = _index_cables_of_chords(system, is_cable)
 
     @classmethod
-    def of(cls, system: System) -> PartialNet | None:
+    def from_system(cls, system: System) -> PartialNet | None:
         """Return the cables of a structure; None if it has no cables, or nothing but cables.
 
         Cables count if their tensions can be unknowns, their law does not soften, and their
@@ -79,7 +79,7 @@ class PartialNet:
             Tensions and end forces of the cables; what `System.forces_and_tangents` returns for all
             other elements: their end forces, N, and what `tangents` can reuse of the evaluation.
         """
-        return CableTensions.of(self.net, x, True), self.others.forces_and_tangents(x)
+        return CableTensions.at_motion(self.net, x, True), self.others.forces_and_tangents(x)
 
     def equations(
         self,

@@ -30,11 +30,11 @@ Verdict: TypeAlias = 'tuple[Bool[Array, ""], Bool[Array, ""]]'
 
 
 class Trial(NamedTuple):
-    """What became of a trial point.
+    """Verdict on a trial point: whether it is accepted, and at which fraction of the step.
 
     Attributes:
-        accepted: whether a step was taken.
-        fraction: which fraction of it.
+        accepted: whether the iteration goes to this point.
+        fraction: fraction of the step that was tried, from 0 to 1.
         search_over: whether no other fraction of the same step is to be tried.
     """
 

@@ -84,7 +84,7 @@ class StructureSteps(StepMethod):
 
     def __init__(self, system: System, begin: Motion, convergence: Convergence):
         super().__init__(system, begin, convergence)
-        self.partial_net = PartialNet.of(system)
+        self.partial_net = PartialNet.from_system(system)
         # a net beyond the peak of a law finds where its curve ends by the true forces
         softens = system.without_softening().is_net
         self.predicts = not softens and any_chords(system.groups)
@@ -114,7 +114,7 @@ class StructureSteps(StepMethod):
             tangents = net.evaluate(x)
             end_forces = net.merge(tangents[0].forces, tangents[1][0])
         rounding = system.rounding_error(x) if system.estimates_rounding else None
-        chords = Chords.of(system, x, end_forces) if self.predicts else None
+        chords = Chords.at_motion(system, x, end_forces) if self.predicts else None
         residual, scale = system.residual_and_scale(x, end_forces)
         return Evaluation(x, residual, scale, rounding, (tangents, chords))
 

@@ -33,11 +33,11 @@ from ..design.member_checks import MemberBuckling, MemberSection
 from ..elements import (
     Bars,
     Beams,
-    Bearings,
     Cables,
     Catenaries,
     Contacts,
     FrictionCables,
+    GroundContacts,
     SlidingCables,
     SlidingCatenaries,
     Springs,
@@ -68,7 +68,7 @@ TYPES: dict[str, type] = {
         *(
             Bars,
             Beams,
-            Bearings,
+            GroundContacts,
             Cables,
             Catenaries,
             Contacts,

@@ -177,7 +177,7 @@ def import_ezdxf() -> ModuleType:
 
 
 class _Entity(NamedTuple):
-    """What is read of an entity of a drawing.
+    """Entity of a drawing (line, polyline, arc, ...) as points, with its layer.
 
     Attributes:
         kind: its kind in the words of the format, such as "LINE".

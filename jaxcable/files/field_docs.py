@@ -1,6 +1,6 @@
 """What docstrings say about classes and fields of scene files: descriptions and units.
 
-The docstring of a class is the one statement on its fields, also for classes of users. A
+The docstring of a class is the one source for its fields, also for classes of users. A
 description such as "weight per length, scalar or [n_elem], N/m; it acts ..." says that numbers are
 in N/m: the unit follows a comma and ends its clause. Numbers that have none say "without unit".
 """
@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 
 from ..common.units import is_unit
 
-OF_STATEMENT = "of the statement"
+OF_PHASE_INPUT = "of the phase input"
 """What stands in place of the unit of numbers that a phase states of elements."""
 
 _OTHER_SECTIONS = ("Options:", "Returns:", "Raises:", "Source:", "Example:")
@@ -90,7 +90,7 @@ def _resolve_reference(name: str, words: str, classes: Mapping[str, type]) -> st
 def unit_in_description(text: str) -> str | None:
     """Return the unit that the description of a field states; None if it states none.
 
-    "-" is that of numbers without unit, and `OF_STATEMENT` that of what a phase states.
+    "-" is that of numbers without unit, and `OF_PHASE_INPUT` that of what a phase states.
     """
     for clause in text.split(", "):
         head = clause.partition(" (")[0]
@@ -101,7 +101,7 @@ def unit_in_description(text: str) -> str | None:
         if "without unit" in clause:
             return "-"
         if "in the unit of what is stated" in clause:
-            return OF_STATEMENT
+            return OF_PHASE_INPUT
     return None
 
 

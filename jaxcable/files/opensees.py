@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.activation import inactive_dofs_of
+from ..analysis.activation import find_inactive_dofs
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.writing import atomic_write
@@ -76,7 +76,7 @@ def save_opensees(
     for group, state in zip(structure.groups, solution.last.restart.states, strict=True):
         elements += _force_strain_curves(structure, group, state)
     fixed = solution.last.fixed[-1].array
-    idle = inactive_dofs_of(structure, solution.last.restart.states)
+    idle = find_inactive_dofs(structure, solution.last.restart.states)
     if idle is not None:  # nodes that wait for elements
         fixed = fixed | idle
     fixed = fixed[: structure.n_node, :3]
@@ -156,7 +156,7 @@ def _force_strain_curve(group, k):
         stiffness = float(group.axial_stiffness[k])
         strain, force = np.array([-1.0, 0.0, 1.0]), stiffness * np.array([-1.0, 0.0, 1.0])
     else:
-        area, law = (group.area, group.law) if group.section is None else group.section.axial()
+        area, law = (group.area, group.law) if group.section is None else group.section.uniaxial()
         area = float(np.broadcast_to(area, len(group.links))[k])
         low, high = (float(v) for v in law.strain_limits)
         strain = np.unique(np.append(np.asarray(law.corner_strains()), [0.0, 1e-3]))

@@ -2,7 +2,7 @@
 
 What is converted are plain data, before objects are made of them and after objects have become
 such: rules of numbers then see SI units only. The unit of a field is that of its docstring
-(`field_units`), and the unit of what a phase states that of its `Statement`.
+(`field_units`), and the unit of what a phase states that of its `PhaseInput`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..analysis.phases import Phase
 from ..common.checks import holds_boolean
 from ..common.units import Units, convert_array, dimensions, scale_exactly
 from ..design.actions import Action
-from ..elements.abilities import STATEMENTS, components_of, statements_of
+from ..elements.abilities import PHASE_INPUTS, accepted_inputs, component_names
 from ..model.structure import Structure, is_group
 from . import codec
-from .field_docs import OF_STATEMENT, field_units, may_have_unit
+from .field_docs import OF_PHASE_INPUT, field_units, may_have_unit
 from .reading import FileError
 
 _CONTAINERS = {"float32": "values", "list": "items", "tuple": "items"}
@@ -57,12 +57,12 @@ class SceneConverter:
         found = self._convert_object(data, where, cls, 0)
         if structure is None or not isinstance(data, dict):
             return found
-        for name in STATEMENTS.keys() & data.keys():
-            found[name] = self._convert_statement(name, data[name], f"{where}.{name}", structure)
+        for name in PHASE_INPUTS.keys() & data.keys():
+            found[name] = self._convert_phase_input(name, data[name], f"{where}.{name}", structure)
         if isinstance(own := data.get("own"), dict):
             places = {name: f"{where}.own[{name!r}]" for name in own}
             found["own"] = {
-                name: self._convert_statement(name, value, places[name], structure)
+                name: self._convert_phase_input(name, value, places[name], structure)
                 for name, value in own.items()
             }
         return found
@@ -106,7 +106,7 @@ class SceneConverter:
         kinds = {field.name: str(field.type) for field in codec.user_fields(cls)}
         found = dict(data)
         for key, value in data.items():
-            if key not in kinds or (cls in (Phase, Action) and (key in STATEMENTS or key == "own")):
+            if key not in kinds or (cls in (Phase, Action) and key in (*PHASE_INPUTS, "own")):
                 continue
             place, unit = f"{where}.{key}", units.get(key)
             if unit is None and may_have_unit(cls, key, kinds[key]) and _has_numbers(value):
@@ -115,7 +115,7 @@ class SceneConverter:
                     "so that numbers in other units than SI cannot be read or written; add it, "
                     f'as in "{key}: ..., N/m." or "{key}: ..., without unit."'
                 )
-            if unit != OF_STATEMENT:
+            if unit != OF_PHASE_INPUT:
                 implied = codec.IMPLIED_CLASSES.get(key)
                 found[key] = self._convert(value, unit, place, implied, depth + 1)
         return found
@@ -150,30 +150,30 @@ class SceneConverter:
 
         return convert(data, where, depth)
 
-    def _convert_statement(self, name, data, where, structure):
+    def _convert_phase_input(self, name, data, where, structure):
         """Return what a phase states of elements in the field `name`, with converted numbers.
 
-        The unit is that of the statement of each group of the structure. Raise UnitError where
+        The unit is that of the `PhaseInput` of each group. Raise UnitError where
         groups take it in different units and `data` do not tell groups apart; `where` is the place
         in the scene.
         """
-        taken = [statements_of(group).get(name) for group in structure.groups]
-        units = {statement.unit for statement in taken if statement is not None}
-        several = [g for g in structure.groups if name in STATEMENTS and components_of(g, name)]
-        if several and data is not None and self.units.factor(STATEMENTS[name].unit) != 1:
+        taken = [accepted_inputs(group).get(name) for group in structure.groups]
+        units = {phase_input.unit for phase_input in taken if phase_input is not None}
+        several = [g for g in structure.groups if name in PHASE_INPUTS and component_names(g, name)]
+        if several and data is not None and self.units.factor(PHASE_INPUTS[name].unit) != 1:
             raise UnitError(
                 f"{where}: {type(several[0]).__name__} takes several numbers of {name}, whose unit "
                 "is not known; files with these are in SI only"
             )
-        if name in STATEMENTS or len(units) == 1:  # one that no group takes an analysis refuses
-            return self._convert(data, units.pop() if units else STATEMENTS[name].unit, where)
+        if name in PHASE_INPUTS or len(units) == 1:  # one that no group takes an analysis refuses
+            return self._convert(data, units.pop() if units else PHASE_INPUTS[name].unit, where)
 
         def convert(value, elements, place):
             if value is None or elements is None:
                 return value
             if is_group(elements):
-                statement = statements_of(elements).get(name)
-                return value if statement is None else self._convert(value, statement.unit, place)
+                own = accepted_inputs(elements).get(name)
+                return value if own is None else self._convert(value, own.unit, place)
             if isinstance(value, dict) and value.get("type") in ("list", "tuple"):
                 return {**value, "items": convert(value.get("items"), elements, place)}
             parts = elements if isinstance(elements, dict) else dict(enumerate(elements))

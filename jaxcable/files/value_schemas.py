@@ -121,8 +121,8 @@ def _plain_schema(word, classes, bound, null):
         types, name = _NAMED.get(word, (["object"], word))
         return {"type": [*types, *null], "if": {"type": types}, "then": reference(name)}
     if word.startswith("Mapping[str, PyTree[Float"):
-        return {"type": ["object", *null], "additionalProperties": reference("statement")}
-    trees = {"PyTree[Float": "statement", "PyTree[Bool": "change"}
+        return {"type": ["object", *null], "additionalProperties": reference("input")}
+    trees = {"PyTree[Float": "input", "PyTree[Bool": "change"}
     return next((reference(name) for begin, name in trees.items() if word.startswith(begin)), {})
 
 

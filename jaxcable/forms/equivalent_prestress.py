@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..analysis.solution import Solution, State
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
-from ..elements.abilities import Sagging, Uniaxial
+from ..elements.abilities import Hanging, Uniaxial
 from ..elements.prestress import call_each_element
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
@@ -130,6 +130,6 @@ def _prestress_of_group(group, state, nodes, motion):
     if group.expansion is not None:
         # if the element were cut to its length under force: L0 (1 + strain) (1 + expansion dt) = L0
         values["temperature"] = -strain / (1 + strain) / group.expansion
-    if isinstance(group, Sagging) and state.line_load is not None:
+    if isinstance(group, Hanging) and state.line_load is not None:
         values["sag"] = evaluate_elements("sag", group, state, nodes, motion)
     return values

@@ -46,7 +46,9 @@ class ForceElementState(ElementState):
 
 @pytree(static=("tension_only",), indices=("links",))
 class ForceElements(Axial):
-    """Elements for form finding that pull with a prescribed force and a spring, whatever their law.
+    """Elements for form finding with the axial force ``T + k (l - L)``, whatever their law.
+
+    T is a prescribed force, N, k the constant of a spring, N/m, and L its unstressed length, m.
 
     Attributes:
         links: node numbers, [n_elem, 2].

@@ -56,7 +56,7 @@ def split_loads(
             load.needs_begin_nodes
         ):  # the phase begins in the form: its geometry is the input geometry
             load = copy_with(load, geometry="input")
-        others.append(load.with_group_numbers(structure))
+        others.append(load.with_group_indices(structure))
     return nodal, others
 
 
@@ -124,7 +124,7 @@ class FormDependentLoads:
                 yield _element_force_function(load, index, group), arguments, group.links
 
     @property
-    def acts(self) -> Bool[Array, ""]:
+    def is_acting(self) -> Bool[Array, ""]:
         """Whether the load acts, always True here; the equations ask each follower load."""
         return jnp.ones((), bool)
 

@@ -47,7 +47,7 @@ from ..loads import (
 )
 from ..loads.faces import OnFaces
 from ..loads.groups import OnGroups
-from ..loads.load import Dead
+from ..loads.load import DeadLoad
 from ..model.structure import Structure
 from ..numerics import implicit
 from ..programs.program_calls import as_program
@@ -155,7 +155,7 @@ def split_loads_for_analysis(
                 f"loads[{k}]: Varying follows the load factor, and a form has none; give its load"
             )
         load.check(structure)
-        acts_on_form = isinstance(load, OnGroups) and isinstance(load, Dead)
+        acts_on_form = isinstance(load, OnGroups) and isinstance(load, DeadLoad)
         if isinstance(load, OnFaces):
             acts_on_form = isinstance(load, AreaLoads) and load.faces is not None
         if not acts_on_form:
@@ -166,7 +166,7 @@ def split_loads_for_analysis(
         known_key = known.on
         if known.needs_begin_nodes:  # the phase begins in the form
             known = copy_with(known, geometry="input")
-        known = known.with_group_numbers(structure)
+        known = known.with_group_indices(structure)
         if isinstance(load, OnFaces):
             dependent.append(known)
             continue

@@ -214,7 +214,7 @@ class SaddlePointSystem:
         system, motion = self.system_with_forces(z)
         dof_map = copy_with(system.dof_map, unknown_of_dof=self.numbering.unknown_of_dof)
         system = copy_with(system, space=copy_with(system.space, dof_map=dof_map))
-        parts = system.parts(system.tangents(motion), motion)
+        parts = system.matrix_parts(system.tangents(motion), motion)
         return self._assemble_hessian(parts, motion)
 
     def _assemble_hessian(self, parts, motion):

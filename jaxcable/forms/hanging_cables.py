@@ -11,15 +11,15 @@ from jax import lax
 from .. import linear
 from ..analysis.element_shapes import (
     StateOrPhase,
+    element_shapes,
     map_shapes,
     results_of_state,
-    shapes_of_groups,
 )
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
@@ -113,15 +113,15 @@ def _map_over_catenaries(structure, state, function):
     `function` takes the element shapes, which elements are active, and tensions, N. Other
     groups have None; a structure without catenaries raises ValueError.
     """
-    if not any(isinstance(group, Sagging) for group in structure.groups):
+    if not any(isinstance(group, Hanging) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
-    every = shapes_of_groups(structure, state)
+    every = element_shapes(structure, state)
     tensions = items_per_group(structure, results_of_state(structure, state).tension)
     return structure.arrange(
         [
-            function(*own, tension) if isinstance(group, Sagging) else None
+            function(*own, tension) if isinstance(group, Hanging) else None
             for group, own, tension in zip(structure.groups, every, tensions, strict=True)
         ]
     )

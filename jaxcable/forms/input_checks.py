@@ -13,14 +13,14 @@ from ..common import checks, status
 from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..elements.element import Element, ElementState
 from ..elements.straight import Straight
 from ..loads import NodalLoads, SelfWeight, as_list
 from ..loads.load import Load
 from ..mechanics.assembly import System
 from ..model.plausibility import NamedGroups, issues_warnings
-from ..model.result_parts import named_groups_of, path_of_group
+from ..model.result_parts import group_path, named_groups_of
 from ..model.structure import Structure, position_rules
 from ..spaces import Translations
 from ..spaces.dof_map import DofMap
@@ -154,7 +154,7 @@ def require_single_input(
         if not wrong.any():
             continue
         e = int(wrong.argmax())
-        where = f"element {e} of {path_of_group(structure, k)}"
+        where = f"element {e} of {group_path(structure, k)}"
         if not count[e]:
             raise ValueError(f"{names[0]}: {where} {missing}")
         twice = ", ".join(name for name, mask in zip(names, masks, strict=True) if mask[e])
@@ -194,7 +194,7 @@ def warn_of_hanging_elements(
         return
     for (where, group), is_given in zip(named, prescribed, strict=True):
         weight = checks.array_if_known(group.weight)
-        if is_given and isinstance(group, Sagging) and weight is not None and np.any(weight):
+        if is_given and isinstance(group, Hanging) and weight is not None and np.any(weight):
             yield (
                 f"elements{where} (Catenaries): with given values they are straight in the form, "
                 "half of their weight at each end; hanging by the lengths of the form they have "

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from ..common.tree import Indices, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.element import Ends, Motion
-from ..loads.load import Blocks, Following, Groups, Positions, States
+from ..loads.load import Blocks, FollowerLoad, Groups, Positions, States
 from .force_elements import ForceElements, ForceElementState
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads
 
@@ -59,7 +59,7 @@ class PrescribedElements(ForceElements):
 
 
 @pytree
-class FormLoads(Following):
+class FormLoads(FollowerLoad):
     """Loads that depend on the form, as a follower load of an analysis.
 
     Attributes:

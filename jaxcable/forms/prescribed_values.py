@@ -9,7 +9,7 @@ from ..common import checks
 from ..common.selection import Only
 from ..common.tree import Indices, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .input_checks import (
     is_straight,
@@ -23,7 +23,7 @@ _NAMES = ("tension", "stress", "force_density", "length")
 
 @pytree(static=("sought",))
 class PrescribedValues:
-    """What is prescribed of the elements in a form, in lists with an item for each group.
+    """Prescribed forces, force densities and lengths of a form, lists with an item for each group.
 
     Of a group either all elements have a prescribed value or none: then its items are None, and the
     group keeps its own law.
@@ -99,13 +99,13 @@ def read_prescribed_values(
     require_single_input(structure, _NAMES, masks, missing, prescribed)
     return PrescribedValues(
         _prescribed_forces(structure, values, chosen, prescribed),
-        _where_chosen(values["force_density"], chosen["force_density"], prescribed, 0.0),
-        _where_chosen(values["length"], chosen["length"], prescribed, 1.0),
+        _values_where_chosen(values["force_density"], chosen["force_density"], prescribed, 0.0),
+        _values_where_chosen(values["length"], chosen["length"], prescribed, 1.0),
         tuple(map(Indices, chosen["length"])),
     )
 
 
-def _where_chosen(values, chosen, prescribed, otherwise):
+def _values_where_chosen(values, chosen, prescribed, otherwise):
     """Return values per group where they are `chosen`, else the number `otherwise`.
 
     An item is None if the group has no prescribed value. Masks `chosen` are [n_elem] bool.
@@ -134,7 +134,7 @@ def _prescribed_forces(structure, values, chosen, prescribed):
         if chosen["stress"][k].any():
             area = group._stiffness_law_and_area()[2]
             if area is None:
-                raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
+                raise ValueError(f"stress: {group_path(structure, k)} has no area; give tension")
             given = chosen["stress"][k], values["stress"][k] * area, forces
             forces = checks.numpy_or_jax(given).where(*given)
         found.append(forces)

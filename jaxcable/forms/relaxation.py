@@ -31,8 +31,8 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Only
 from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..elements.phase_input import InputValues
 from ..elements.prestress import jack_value_or, measure_chord
-from ..elements.statement import StatedValues
 from ..loads import Load
 from ..mechanics.elementwise import map_elements_at_ends
 from ..model import plausibility
@@ -120,7 +120,7 @@ def dynamic_relaxation(
     rests, cut = values_by_group(rest_length, structure, "rest_length", is_length=True)
     require_single_input(structure, ("tension", "rest_length"), (prescribed, cut))
     forces, rests = (
-        [None if v is None else StatedValues(v, which) for v, which in zip(*pair, strict=True)]
+        [None if v is None else InputValues(v, which) for v, which in zip(*pair, strict=True)]
         for pair in ((forces, prescribed), (rests, cut))
     )
     tol = nan_if_broken(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
@@ -145,12 +145,12 @@ def _start_element_states(group, ends, force, rest):
     Args:
         group: element group.
         ends: initial positions of the ends, [n_elem, 2, 3], m.
-        force: forces that some elements keep, `StatedValues` (values and which elements), or None.
-        rest: unstressed lengths of some elements, `StatedValues`, or None.
+        force: forces that some elements keep, `InputValues` (values and which elements), or None.
+        rest: unstressed lengths of some elements, `InputValues`, or None.
     """
     state = group.start(ends)
     if rest is not None:
-        state = group.apply_statements(state, ends, {"rest_length": rest})
+        state = group.apply_phase_inputs(state, ends, {"rest_length": rest})
     if force is None:
         return state
     return copy_with(state, jack_force=force.values, jacked=force.chosen)

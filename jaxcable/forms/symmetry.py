@@ -6,7 +6,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.types import Int, PyTree
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .equilibrium_matrix import arrange_as_elements, links_and_tension_only, nodes_as_numpy
 
@@ -86,7 +86,7 @@ def symmetric_groups(
             other = number.get((group, *pair.tolist()))
             if other is None:
                 raise ValueError(
-                    f"links: no element of {path_of_group(structure, int(group))} joins nodes "
+                    f"links: no element of {group_path(structure, int(group))} joins nodes "
                     f"{pair.tolist()}, the image of {links[k].tolist()} under the symmetry"
                 )
             joined.append((k, other))

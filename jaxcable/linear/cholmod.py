@@ -119,6 +119,6 @@ class Cholmod(solver.Solver):
     package = "cvxopt"
     analysis = _CholmodAnalysis
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Return True: CHOLMOD suits matrices of any size and bandwidth."""
         return True

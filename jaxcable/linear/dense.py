@@ -25,7 +25,7 @@ class Dense(solver.Solver):
     name = "dense"
     on_device = True
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Tell whether the number of unknowns n is small enough for dense matrices."""
         return n <= _MOST_UNKNOWNS
 

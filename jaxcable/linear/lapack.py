@@ -78,6 +78,6 @@ class LapackBanded(solver.Solver):
     offered = False
     iterates = False  # a new factor is cheaper than iterations
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Tell whether the solver suits a matrix: if its bandwidth is small (`banded`)."""
         return banded

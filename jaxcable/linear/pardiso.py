@@ -213,6 +213,6 @@ class Pardiso(solver.Solver):
         """Begin to load MKL in another thread, while the program is compiled or read from disk."""
         threading.Thread(target=load_mkl, daemon=True).start()
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Return True: PARDISO suits matrices of any size and bandwidth."""
         return True

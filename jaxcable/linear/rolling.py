@@ -33,7 +33,7 @@ class RollingCholesky(solver.Solver):
     definite = True
     fused = True
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Tell whether the bandwidth of a matrix is small (`banded`) and XLA fuses loops."""
         return banded and are_loops_fused()
 

@@ -67,7 +67,7 @@ class Solver:
         """Begin to load the solver's library, before a program is compiled or read from disk."""
         return None
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Tell whether to choose this solver if users name none and none registered earlier suits.
 
         Args:
@@ -173,8 +173,8 @@ AnySolver = TypeVar("AnySolver", bound=Solver)
 def register(solver: AnySolver) -> AnySolver:
     """Register a linear solver under its name, so that users can name it, and return it.
 
-    Where users name none, it is chosen if it `suits` the matrix and no solver registered before
-    does.
+    Where users name none, it is chosen if it `is_suitable_for` the matrix and none registered
+    before it is.
 
     Raises:
         ValueError: another solver has that name.
@@ -237,4 +237,4 @@ def choose_solver(
         return solver_named(name)
     able = [s for s in _REGISTERED.values() if s.exchanges_rows or not exchanges_rows]
     able = [s for s in able if definite or not s.definite]
-    return next(s for s in able if s.is_installed() and s.suits(n, banded))
+    return next(s for s in able if s.is_installed() and s.is_suitable_for(n, banded))

@@ -145,7 +145,10 @@ def _count_negative_eigenvalues(matrix, sure):
 
 
 def _spectrum_on_host(matrix, loose, general, strict):
-    """Return what `inertia_and_nearest_mode` does for a sparse matrix, by NumPy on the host."""
+    """Return inertia and nearest mode of a sparse matrix, on the host, by NumPy.
+
+    Arguments and results are those of `inertia_and_nearest_mode`.
+    """
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)

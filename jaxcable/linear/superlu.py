@@ -108,6 +108,6 @@ class SuperLU(solver.Solver):
     name = "superlu"
     analysis = _SuperLUAnalysis
 
-    def suits(self, n: int, banded: bool) -> bool:
+    def is_suitable_for(self, n: int, banded: bool) -> bool:
         """Return True: SuperLU suits matrices of any size and bandwidth."""
         return True

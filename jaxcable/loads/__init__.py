@@ -7,8 +7,8 @@ finds the faces of a net), wind and ice on members (`wind`, with `wind_profiles`
 be moved (`movement`). Loads of elements and areas go on acting in later phases. `Varying` lets any
 of them follow an amplitude within its phase. `combine` scales load cases and adds them.
 
-`load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`,
-which can also be dead in the geometry where its phase begins) and `Following`.
+`load` is the contract: `Load` and the ways to act, `OnNodes`, `PrescribedMovement`, `DeadLoad`
+(with `LoadPerGeometry`, for loads per length or area of a certain geometry) and `FollowerLoad`.
 """
 
 from __future__ import annotations

@@ -16,12 +16,12 @@ from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from .groups import Key, OnGroups
-from .load import ForcesAlone, Positions
+from .load import ForceOnlyLoad, Positions
 
 GEOMETRIES = ("input", "begun")
 
 
-class AlongElements(OnGroups, ForcesAlone):
+class AlongElements(OnGroups, ForceOnlyLoad):
     """Base of dead loads along elements: one vector times an amount for each element.
 
     The amount is a weight (N) or a length (m), the vector a direction or a force per length.
@@ -35,33 +35,33 @@ class AlongElements(OnGroups, ForcesAlone):
         """
 
     @abc.abstractmethod
-    def _amounts_between_ends(self, number, group, state, nodes):
+    def _distributed_amounts(self, number, group, state, nodes):
         """Return the amount (N, or m) that acts along each element of a group, [n_elem].
 
         None if the group has none. It bends beams and lets catenaries hang. `number` is the index
         of the group, `state` its state, and `nodes` are initial positions of all nodes, m.
         """
 
-    def _amounts_at_ends(self, number, group, state, nodes):
+    def _lumped_amounts(self, number, group, state, nodes):
         """Return the amount (N, or m) that acts at each end of a group's elements, [n_elem, n_end].
 
         None if the group has none. It is the part of the end in that along the element, which is
         even per unstressed length.
         """
-        amounts = self._amounts_between_ends(number, group, state, nodes)
+        amounts = self._distributed_amounts(number, group, state, nodes)
         if amounts is None:
             return None
-        acting = self.apply_factors(number, amounts, state)
+        acting = self.apply_element_factors(number, amounts, state)
         return group.split_among_ends(acting, nodes[group.links])
 
     def _sum_forces(self, groups, states, nodes, dtype):
         """Return the forces on all nodes, [n_row, 3], N; `nodes` are their initial positions, m."""
         total, forces = jnp.zeros(len(nodes), dtype), None
         for number in self.on:
-            amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
+            amounts = self._lumped_amounts(number, groups[number], states[number], nodes)
             if amounts is None:
                 continue
-            vectors, links = self._vectors_of_elements(number), groups[number].links
+            vectors, links = self._vector_per_element(number), groups[number].links
             if vectors is None:
                 total = total.at[links].add(amounts)
             else:
@@ -76,17 +76,17 @@ class AlongElements(OnGroups, ForcesAlone):
     ) -> Float[Array, "n_elem 3"] | None:
         """Return the load per unstressed length of a group, [n_elem, 3], N/m; None without any."""
         amounts = (
-            self._amounts_between_ends(number, group, state, nodes) if number in self.on else None
+            self._distributed_amounts(number, group, state, nodes) if number in self.on else None
         )
         if amounts is None:
             return None
-        per_length = self.apply_factors(number, amounts, state) / state.rest_length
-        vectors = self._vectors_of_elements(number)
+        per_length = self.apply_element_factors(number, amounts, state) / state.rest_length
+        vectors = self._vector_per_element(number)
         if vectors is not None:
             return per_length[:, None] * vectors.astype(per_length.dtype)
         return jnp.outer(per_length, self._vector_per_amount())
 
-    def _vectors_of_elements(self, number: int) -> Float[Array, "n_elem 3"] | None:
+    def _vector_per_element(self, number: int) -> Float[Array, "n_elem 3"] | None:
         """Return vectors by which amounts of each element of a group are multiplied, [n_elem, 3].
 
         None if all elements have the `_vector_per_amount`. A load with such vectors acts on one
@@ -164,7 +164,7 @@ class SelfWeight(AlongElements):
         """Return the direction of the weight times its factor, [3]."""
         return self.direction
 
-    def _amounts_between_ends(self, number, group, state, nodes):
+    def _distributed_amounts(self, number, group, state, nodes):
         """Return the weight of every element of a group, [n_elem], N; None without a weight."""
         return group.weights(state)
 

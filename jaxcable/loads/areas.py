@@ -14,13 +14,13 @@ from ..numerics import scaled
 from .along import require_known_geometry
 from .faces import OnFaces, area_vectors
 from .groups import Key
-from .load import ForcesAlone, Measured
+from .load import ForceOnlyLoad, LoadPerGeometry
 
 AREA_REFERENCES = ("projected", "initial")
 
 
 @pytree(static=("per", "geometry", "on"), indices=("faces",))
-class AreaLoads(OnFaces, ForcesAlone, Measured):
+class AreaLoads(OnFaces, ForceOnlyLoad, LoadPerGeometry):
     """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
     The load is dead: the areas do not change while it acts. They are differentiable. `net_faces`

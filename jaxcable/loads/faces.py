@@ -11,7 +11,7 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
 from .groups import OnGroups
@@ -90,9 +90,9 @@ class OnFaces(OnGroups):
         set_fields(self, faces=as_faces(self.faces))
         return self._check_value_shape(len(self.faces))
 
-    def _key_text(self):
+    def _location_text(self):
         """Return the loaded faces or group in words, " on 4 faces"."""
-        return super()._key_text() if self.faces is None else f" on {len(self.faces)} faces"
+        return super()._location_text() if self.faces is None else f" on {len(self.faces)} faces"
 
     def loaded_groups(
         self, structure: Structure
@@ -110,7 +110,7 @@ class OnFaces(OnGroups):
             k = next(number for number in numbers if number not in kept)
             given = "faces: missing" if self.on is None else f"on = {self.on!r}"
             raise ValueError(
-                f"{given}: {path_of_group(structure, k)} "
+                f"{given}: {group_path(structure, k)} "
                 f"({type(groups[k]).__name__}) has no faces; give "
                 "faces=... (net_faces finds those of a net), or on=... a group of surfaces "
                 "(a class with face = (0, 1, 2), the ends around the face of an element)"
@@ -147,4 +147,4 @@ class OnFaces(OnGroups):
         for number in self.on:
             faces = groups[number].links[:, np.array(groups[number].face)]
             own = jnp.broadcast_to(values, (len(faces), *one))
-            yield faces, self.apply_factors(number, own, states[number])
+            yield faces, self.apply_element_factors(number, own, states[number])

@@ -16,10 +16,10 @@ from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..common.units import SI, Units
 from ..elements.element_state import ElementState
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..programs.joining import add_to_zeros
-from .load import Acting, Bundles, OnEveryNode
+from .load import Bundles, OnEveryNode, PersistentLoad
 
 Key: TypeAlias = Any
 """Key of a group in the structure's elements: a dict's key or a list's index; None means all
@@ -28,7 +28,7 @@ groups. In an analysis, a tuple of indices of groups."""
 _ALL = 1.0  # factor of all elements of a group
 
 
-class OnGroups(Acting):
+class OnGroups(PersistentLoad):
     """Base of loads on elements: of all groups, of one group, or of some elements of one group.
 
     Attributes:
@@ -53,13 +53,13 @@ class OnGroups(Acting):
                 f"got {type(self.elements).__name__}"
             )
 
-    def _key_text(self):
+    def _location_text(self):
         """Return a text such as " on guys" with the key of the loaded group; "" in an analysis."""
         return "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
 
     def describe(self, units: Units = SI) -> str:
         """Return a text for reports: the class of the load and the key of its group."""
-        return f"{type(self).__name__}{self._key_text()}"
+        return f"{type(self).__name__}{self._location_text()}"
 
     def loaded_groups(
         self, structure: Structure
@@ -71,7 +71,7 @@ class OnGroups(Acting):
         Raises:
             ValueError: there is no such group or element, or elements of several groups.
         """
-        numbers = group_numbers(self.on, structure)
+        numbers = indices_of_groups(self.on, structure)
         if self.elements is None:
             return numbers, None
         if len(numbers) != 1:
@@ -79,7 +79,7 @@ class OnGroups(Acting):
                 f"elements: on = {self.on!r} means {len(numbers)} groups; give on=... the group "
                 "that has these elements"
             )
-        label = f"elements of {path_of_group(structure, numbers[0])}"
+        label = f"elements of {group_path(structure, numbers[0])}"
         return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
     def _check_value_shape(self, count: int | None = None) -> None:
@@ -104,10 +104,10 @@ class OnGroups(Acting):
         name, one = self.varies  # type: ignore[misc]
         for number in numbers:
             count = len(structure.groups[number].links)
-            hint = f"; {path_of_group(structure, number)} has {count} elements"
+            hint = f"; {group_path(structure, number)} has {count} elements"
             checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
-    def with_group_numbers(self, structure: Structure) -> Self:
+    def with_group_indices(self, structure: Structure) -> Self:
         """Return the load in the form of an analysis: `on` becomes indices of groups.
 
         Which elements are loaded (1 or 0), times the value of each, becomes `element_factors`; a
@@ -144,11 +144,11 @@ class OnGroups(Acting):
         part = {number: factors for number, factors in spread.items() if factors is not _ALL}
         return copy_with(self, on=tuple(spread), element_factors=part or None)
 
-    def with_bundle_numbers(self, bundles: Bundles) -> Self:
+    def with_bundle_indices(self, bundles: Bundles) -> Self:
         """Return the load with indices of bundles in place of groups, but factors as they were."""
         return copy_with(self, on=bundles.containing(self.on))
 
-    def apply_factors(
+    def apply_element_factors(
         self,
         number: int,
         amounts: Float[ArrayLike, "n_elem ..."],
@@ -159,17 +159,17 @@ class OnGroups(Acting):
         `number` is the index of the group (or bundle), `amounts` are loads or lengths, [n_elem,
         ...]; its `state` says which elements are active (None: all).
         """
-        if (factors := self._factors_of_elements(number)) is not None:
+        if (factors := self._factors_in_group(number)) is not None:
             across = (1,) * (amounts.ndim - factors.ndim)
             amounts = amounts * factors.astype(amounts.dtype).reshape(*factors.shape, *across)
         return amounts if state is None else state.zero_where_absent(amounts)
 
-    def _factors_of_elements(self, number):
+    def _factors_in_group(self, number):
         """Return the factors of a group's elements, [n_elem, ...]; None if all of them are 1."""
         return None if self.element_factors is None else self.element_factors.get(number)
 
 
-def group_numbers(on: Key, structure: Structure) -> tuple[int, ...]:
+def indices_of_groups(on: Key, structure: Structure) -> tuple[int, ...]:
     """Return indices of the groups under key `on` of the elements, a tuple; all for None.
 
     Raises:

@@ -92,15 +92,15 @@ class IceLoads(AlongElements):
         """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
         require_members(self, structure, _PER_MEMBER)
 
-    def with_group_numbers(self, structure: Structure) -> Self:
+    def with_group_indices(self, structure: Structure) -> Self:
         """Return the load in the form of an analysis: `on` becomes indices of groups.
 
         The area of the ice, m2, becomes `element_factors`, zero where the load does not act.
         """
-        load = super().with_group_numbers(structure)
+        load = super().with_group_indices(structure)
         return with_member_factors(load, structure, _PER_MEMBER, _ice_area)
 
-    def _amounts_between_ends(self, number, group, state, nodes):
+    def _distributed_amounts(self, number, group, state, nodes):
         """Return the length of every element of a group, [n_elem], m; None without lengths."""
         return state.load_bearing_length if group.has_length else None
 

@@ -11,19 +11,19 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
 from .along import AlongElements, require_known_geometry
 from .groups import Key, join_columns, scatter_to_elements
-from .load import Measured
+from .load import LoadPerGeometry
 from .member_values import require_members
 
 LENGTH_REFERENCES = ("unstressed", "initial", "projected")
 
 
 @pytree(static=("on", "per", "geometry"))
-class LineLoads(AlongElements, Measured):
+class LineLoads(AlongElements, LoadPerGeometry):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
     They act on elements whenever these are there (`Phase`): also on those that later phases add, or
@@ -109,7 +109,7 @@ class LineLoads(AlongElements, Measured):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure lacks the loaded group, or it has no lengths.
 
-        Whether values for each element fit the group `with_group_numbers` checks.
+        Whether values for each element fit the group `with_group_indices` checks.
         """
         require_members(self, structure)
 
@@ -137,17 +137,17 @@ class LineLoads(AlongElements, Measured):
         count = len(structure.groups[lengthy[0]].links)
         index = np.arange(count) if mask is None else self.elements.elements.array
         if len(index) != self._n_value:
-            path = path_of_group(structure, lengthy[0])
+            path = group_path(structure, lengthy[0])
             chosen = "" if mask is None else f" {len(index)} chosen of"
             raise ValueError(
                 f"{name}: has values for {self._n_value} elements; {path} has{chosen} {count}"
             )
         return lengthy[0], index
 
-    def with_group_numbers(self, structure: Structure) -> LineLoads:
+    def with_group_indices(self, structure: Structure) -> LineLoads:
         """Return the load in the form of an analysis: indices of groups, values in their order."""
         if self._n_value is None:
-            return super().with_group_numbers(structure)
+            return super().with_group_indices(structure)
         number, index = self._elements_with_values(structure)
         count = len(structure.groups[number].links)
         factor, load = self.factor, copy_with(self, on=(number,), elements=None)
@@ -161,16 +161,16 @@ class LineLoads(AlongElements, Measured):
             load = copy_with(load, forces=np.zeros(3))
         return copy_with(load, element_factors={number: values})
 
-    def _factors_of_elements(self, number):
+    def _factors_in_group(self, number):
         """Return the factors of a group's elements, [n_elem], which forces may stand beside."""
-        factors = super()._factors_of_elements(number)
+        factors = super()._factors_in_group(number)
         return factors[:, 0] if self._has_own_forces(number) else factors
 
     def _has_own_forces(self, number):
         """Return whether each element of the group with index `number` has a force of its own."""
         return self.element_factors is not None and jnp.ndim(self.element_factors[number]) == 2
 
-    def _vectors_of_elements(self, number):
+    def _vector_per_element(self, number):
         """Return the force per length of each element of a group, [n_elem, 3], N/m.
 
         None if all elements have the same force. `number` is the index of the group.
@@ -183,17 +183,17 @@ class LineLoads(AlongElements, Measured):
         """Return the force per length, [3], N/m."""
         return self.factor * self.forces
 
-    def _amounts_at_ends(self, number, group, state, nodes):
+    def _lumped_amounts(self, number, group, state, nodes):
         """Return the length whose load each end of a group takes, [n_elem, n_end], m; or None."""
         if self.per == "unstressed" or not group.has_length:
-            return super()._amounts_at_ends(number, group, state, nodes)
+            return super()._lumped_amounts(number, group, state, nodes)
         ends, n_inner = self._end_positions(group, nodes), group.n_inner_row
         # half of each chord to each of its ends
         half = 0.5 * self._chord_lengths(number, ends[:, : ends.shape[1] - n_inner])
         share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
-        return self.apply_factors(number, jnp.pad(share, ((0, 0), (0, n_inner))), state)
+        return self.apply_element_factors(number, jnp.pad(share, ((0, 0), (0, n_inner))), state)
 
-    def _amounts_between_ends(self, number, group, state, nodes):
+    def _distributed_amounts(self, number, group, state, nodes):
         """Return the loaded length of each element of a group, [n_elem], m; None if it has none."""
         slides = group.slides and self.per != "unstressed"
         if slides or not group.has_length:

@@ -50,8 +50,8 @@ class Bundles(Protocol):
 class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstract methods
     """Base of all loads: pytrees whose leaves are their numbers, and which act in a phase.
 
-    A load derives from one of the classes below: `OnNodes`, `Moving`, `Dead` or `Measured`,
-    `Following`.
+    A load derives from one of the classes below: `OnNodes`, `PrescribedMovement`, `DeadLoad` or
+    `LoadPerGeometry`, `FollowerLoad`.
 
     Attributes:
         worked_out: names of fields that the analysis sets and the user does not give.
@@ -116,8 +116,8 @@ class OnNodes(Load):
         """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""
 
 
-class Moving(Load):
-    """Base of prescribed movements of supports."""
+class PrescribedMovement(Load):
+    """Base of prescribed movements of supports: displacements, m, and rotations, rad."""
 
     @abc.abstractmethod
     def check_supported(self, fixed: FixedDofs) -> None:
@@ -128,28 +128,28 @@ class Moving(Load):
         """Return displacements and rotation vectors of all nodes in an array of `shape`, m, rad."""
 
 
-class Acting(Load):
-    """Base of loads on elements or faces, which go on acting in later phases."""
+class PersistentLoad(Load):
+    """Base of loads on elements or faces, which go on acting in all later phases."""
 
     @property
     def needs_begin_nodes(self) -> bool:
         """Whether the load depends on where nodes are when the phase that adds it begins."""
         return False
 
-    def with_group_numbers(self, structure: Structure) -> Acting:
+    def with_group_indices(self, structure: Structure) -> PersistentLoad:
         """Return the load with indices of groups in place of keys; the load itself by default."""
         return self
 
-    def on_bundles(self, bundles: Bundles) -> Acting:
+    def on_bundles(self, bundles: Bundles) -> PersistentLoad:
         """Return the load on bundles (groups evaluated as one); the load itself by default."""
         return self
 
-    def with_bundle_numbers(self, bundles: Bundles) -> Acting:
+    def with_bundle_indices(self, bundles: Bundles) -> PersistentLoad:
         """Return the load with indices of bundles in place of groups, otherwise unchanged."""
         return self
 
 
-class Dead(Acting):
+class DeadLoad(PersistentLoad):
     """Base of loads that do not depend on current positions, but may on states of elements."""
 
     @property
@@ -189,7 +189,7 @@ class Dead(Acting):
         return None
 
 
-class ForcesAlone(Dead):
+class ForceOnlyLoad(DeadLoad):
     """Base of dead loads on elements or faces that put forces, and no moments, on nodes.
 
     A subclass writes `_sum_forces`, the forces on all nodes.
@@ -220,8 +220,8 @@ class ForcesAlone(Dead):
         return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))
 
 
-class Measured(Dead):
-    """Base of dead loads per length or area, which are those of a certain geometry.
+class LoadPerGeometry(DeadLoad):
+    """Base of dead loads per length or area, which are measured in a certain geometry.
 
     Attributes:
         geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the
@@ -246,7 +246,7 @@ class Measured(Dead):
         return nodes if self.begin_nodes is None else self.begin_nodes
 
 
-class Following(Acting):
+class FollowerLoad(PersistentLoad):
     """Base of follower loads: forces that depend on the current positions of the nodes."""
 
     @abc.abstractmethod

@@ -82,7 +82,7 @@ class PointMasses(OnNodes):
         """Whether the load has moments: never."""
         return False
 
-    def masses_of_nodes(self, n_node: int) -> Float[Array, " n_node"]:
+    def nodal_masses(self, n_node: int) -> Float[Array, " n_node"]:
         """Return the masses of all nodes of a structure, [n_node], kg; NaN if one is negative."""
         masses = jnp.asarray(nan_if_broken(self.rules()[0]))
         return jnp.zeros(n_node, masses.dtype).at[self.nodes.array].add(masses)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.tree import copy_with, set_fields
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 
 OwnLoad = TypeVar("OwnLoad", bound=Any)
@@ -40,7 +40,7 @@ def require_members(load: Any, structure: Structure, names: Sequence[str] = ()) 
     numbers, _ = load.loaded_groups(structure)
     without = [number for number in numbers if not structure.groups[number].has_length]
     if without and (load.on is not None or len(without) == len(numbers)):
-        path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
+        path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
         raise ValueError(
             f"on = {load.on!r}: {path} ({kind.__name__}) has no length to load; "
             "loads per length act along cables, bars, beams and catenaries"
@@ -56,7 +56,7 @@ def require_members(load: Any, structure: Structure, names: Sequence[str] = ()) 
                 "groups; name one group by on, in a load for each group"
             )
         count = len(structure.groups[members[0]].links)
-        hint = f"; {path_of_group(structure, members[0])} has {count} elements"
+        hint = f"; {group_path(structure, members[0])} has {count} elements"
         checks.floats_of_shape(values, name, (count,), hint=hint)
 
 
@@ -69,7 +69,7 @@ def with_member_factors(
     the smallest of their values. Loads of one kind thus have the same shapes.
 
     Args:
-        load: load in the form of an analysis (`OnGroups.with_group_numbers`).
+        load: load in the form of an analysis (`OnGroups.with_group_indices`).
         structure: the `Structure`.
         names: names of the fields that may have a value for each element.
         product: function of the load that returns what its elements are multiplied by, a scalar or

@@ -12,12 +12,12 @@ from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .groups import scatter_to_nodes
-from .load import VECTOR_HINT, Moving, OnEveryNode
+from .load import VECTOR_HINT, OnEveryNode, PrescribedMovement
 from .nodal import require_rotations, set_node_numbers, set_vectors
 
 
 @pytree(indices=("nodes",))
-class SupportMovement(Moving):
+class SupportMovement(PrescribedMovement):
     """Displacement of supports, by increments, from their positions at the beginning of the phase.
 
     A turn of more than pi, which is most likely in degrees, is an `InputWarning`.

@@ -11,7 +11,7 @@ from ..common import checks
 from ..common.rules import Rule, not_negative, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .groups import Key, scatter_to_elements
 from .points import ActingPoints, WithinElements
@@ -72,7 +72,7 @@ def path_along_elements(
             message begins with `name`.
     """
     elements = np.asarray(path)
-    own, where = structure.groups[group], path_of_group(structure, group)
+    own, where = structure.groups[group], group_path(structure, group)
     links = own.links.array[:, :2]
     unknown = elements >= len(links)
     if unknown.any():
@@ -195,7 +195,7 @@ class Train(OnPath):
         """Return the rule that spacings are not negative, a list of `Rule`."""
         return [not_negative("spacings", self.spacings)]
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the axles in the form of an analysis: `ActingPoints`, zero off the path."""
         path = self._path_in(structure)
         position, forces, spacings = map(
@@ -266,7 +266,7 @@ class Crowd(OnPath):
         parts = "1 part" if jnp.ndim(self.begin) == 0 else f"{len(self.begin)} parts"
         return f"Crowd on {parts} of {len(self.path)} elements"
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the load in the form of an analysis: `ActingPoints`, four forces for each part.
 
         Elements that are loaded all along have a line load, as the last one in the table.

@@ -18,16 +18,16 @@ from ..common.units import SI, Units
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import Element, OwnState
 from ..elements.element_state import ElementState
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
-from .groups import Key, OnGroups, group_numbers, join_columns
-from .load import Acting, Dead, Groups, OnEveryNode, Positions, States
+from .groups import Key, OnGroups, indices_of_groups, join_columns
+from .load import DeadLoad, Groups, OnEveryNode, PersistentLoad, Positions, States
 from .nodal import set_vectors
 
 _HINT = "; give one vector for all loads, or one for each of them"
 
 
-class WithinElements(Acting):
+class WithinElements(PersistentLoad):
     """Base of concentrated loads within the beams of one group, as a user gives them."""
 
     on: Key
@@ -37,10 +37,10 @@ class WithinElements(Acting):
 
         ValueError if there is no such group, or several, or its elements take no such loads.
         """
-        numbers = group_numbers(self.on, structure)
+        numbers = indices_of_groups(self.on, structure)
         beams = [n for n in numbers if POINT_LOADS in structure.groups[n].results]
         if self.on is not None and len(numbers) == 1 and not beams:
-            where, kind = path_of_group(structure, numbers[0]), type(structure.groups[numbers[0]])
+            where, kind = group_path(structure, numbers[0]), type(structure.groups[numbers[0]])
             hint = "; give it a node where the load acts, and `NodalLoads`"
             raise ValueError(
                 f"on = {self.on!r}: {where} ({kind.__name__}) takes no loads within its elements"
@@ -55,7 +55,7 @@ class WithinElements(Acting):
 
 
 @pytree(static=("on", "has_moments", "has_line", "name"))
-class ActingPoints(OnGroups, Dead):
+class ActingPoints(OnGroups, DeadLoad):
     """Concentrated loads within the beams of one group, in the form of an analysis.
 
     Args:
@@ -207,7 +207,7 @@ class PointLoads(WithinElements):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure lacks the group or an element, or they take no load."""
         number = self.group_index(structure)
-        group, path = structure.groups[number], path_of_group(structure, number)
+        group, path = structure.groups[number], group_path(structure, number)
         count = len(group.links)
         unknown = self.elements.array >= count
         if unknown.any():
@@ -221,7 +221,7 @@ class PointLoads(WithinElements):
                 "nodes of it, by `NodalLoads`"
             )
 
-    def with_group_numbers(self, structure: Structure) -> ActingPoints:
+    def with_group_indices(self, structure: Structure) -> ActingPoints:
         """Return the loads in the form of an analysis: `ActingPoints`, a table by element."""
         number = self.group_index(structure)
         n_elem = len(structure.groups[number].links)

@@ -20,16 +20,16 @@ from ..common.selection import Selection
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
-from ..model.result_parts import path_of_group
+from ..model.result_parts import group_path
 from ..model.structure import Structure
 from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
-from .load import Blocks, Following, Groups, Positions, States
+from .load import Blocks, FollowerLoad, Groups, Positions, States
 
 PRESSURE_REFERENCES = ("current", "unstressed")
 
 
-class Pressure(Following):
+class Pressure(FollowerLoad):
     """Base of follower pressure on elements or faces, here called patches."""
 
     scales = ("pressure",)
@@ -143,13 +143,13 @@ class CablePressure(OnGroups, Pressure):
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
-                    f"on = {self.on!r}: {path_of_group(structure, number)} "
+                    f"on = {self.on!r}: {group_path(structure, number)} "
                     f"({type(group).__name__}) takes no pressure; only cables and bars of two "
                     "nodes, and beams do: name such a group by on"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(
-                    f'per = "unstressed": {path_of_group(structure, number)} '
+                    f'per = "unstressed": {group_path(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
         self._check_value_counts(structure, numbers)
@@ -169,7 +169,7 @@ class CablePressure(OnGroups, Pressure):
             return None
         count = len(group.links)
         axis = self.axis / _norm_or_one(self.axis)
-        pressure = self.apply_factors(number, jnp.broadcast_to(self.pressure, (count,)))
+        pressure = self.apply_element_factors(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _loaded_patches(self, groups, states, moved):
@@ -177,7 +177,7 @@ class CablePressure(OnGroups, Pressure):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            pressure = self.apply_factors(number, pressure, state)
+            pressure = self.apply_element_factors(number, pressure, state)
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 

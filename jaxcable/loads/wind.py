@@ -19,7 +19,7 @@ from ..model.structure import Structure
 from ..numerics import scaled
 from .along import GEOMETRIES
 from .groups import Key, OnGroups
-from .load import ForcesAlone, Measured, Positions
+from .load import ForceOnlyLoad, LoadPerGeometry, Positions
 from .member_values import check_member_values, require_members, with_member_factors
 from .wind_profiles import WindProfile
 
@@ -33,7 +33,7 @@ _PER_MEMBER = ("drag", "diameter", "ice", "factor")
 
 
 @pytree(static=("on", "geometry"))
-class WindLoads(OnGroups, ForcesAlone, Measured):
+class WindLoads(OnGroups, ForceOnlyLoad, LoadPerGeometry):
     """Wind on cables, bars, catenaries, sliding cables and beams, across each of them.
 
     By the cross-flow principle only the part of the wind that is normal to a member presses on it,
@@ -146,13 +146,13 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
         require_members(self, structure, _PER_MEMBER)
 
-    def with_group_numbers(self, structure: Structure) -> Self:
+    def with_group_indices(self, structure: Structure) -> Self:
         """Return the load in the form of an analysis: `on` becomes indices of groups.
 
         Drag coefficient times width, times the factor where elements have their own, becomes
         `element_factors`, zero where the load does not act.
         """
-        load = super().with_group_numbers(structure)
+        load = super().with_group_indices(structure)
         load = with_member_factors(load, structure, _PER_MEMBER, _drag_times_width)
         return copy_with(load, factor=np.ones(())) if jnp.ndim(self.factor) else load
 
@@ -197,7 +197,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         )
         area_pressure = length * (pressure @ jnp.asarray(_END_SHARES, ends.dtype))
         forces = area_pressure[..., None] * (sine * across)[..., None, :]
-        return self.factor * self.apply_factors(number, forces, state)
+        return self.factor * self.apply_element_factors(number, forces, state)
 
     def describe(self, units: Units = SI) -> str:
         """Return direction and profile of the wind, in `units`, as text."""
@@ -206,7 +206,7 @@ class WindLoads(OnGroups, ForcesAlone, Measured):
         if direction is not None:
             towards = f" towards {vector_text(direction)}"
         iced = "" if self.ice is None else ", iced"
-        return f"WindLoads{self._key_text()}{towards}: {self.profile.describe(units)}{iced}"
+        return f"WindLoads{self._location_text()}{towards}: {self.profile.describe(units)}{iced}"
 
 
 def _drag_times_width(load: Any) -> Any:

@@ -17,7 +17,7 @@ from ..common.tree import copy_with
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
 from ..elements.element_state import ElementState
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Forces, Motion
 from .assembly import EndForces
@@ -29,7 +29,7 @@ Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
 
 
 class ActivatedElements(NamedTuple):
-    """What activation and deactivation make of a structure.
+    """State of a structure after elements have been activated and deactivated.
 
     Attributes:
         motion: motion of all rows after it.
@@ -122,7 +122,7 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
     # held before, because nothing touched them, and now not by a support
     waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
     root = _connected_active_rows(groups, new, owner, waiting[owner])
-    moved = space_of(groups).rigid_link_motion(motion[root], nodes[owner] - nodes[root])
+    moved = space_class(groups).rigid_link_motion(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner

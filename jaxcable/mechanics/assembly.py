@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Rounding, TensionElement
+from ..elements.abilities import RoundingEstimate, TensionElement
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
@@ -24,7 +24,7 @@ from ..spaces.dof_map import reference_rows
 from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
 from ..spaces.translations import append_low_part, drop_low_part
 from .elementwise import Elementwise, PerGroup, evaluate_elements
-from .kinks import Slackened, find_slackened, slacken
+from .kinks import SlackenedElements, find_slackened, slacken
 from .load_stacks import LoadStack
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -200,14 +200,14 @@ class System(Elementwise):
 
     @property
     def estimates_rounding(self) -> bool:
-        """Whether any elements estimate the rounding error of forces (`abilities.Rounding`)."""
-        return any(isinstance(group, Rounding) for group in self.groups)
+        """Whether any elements estimate the rounding error of forces (`RoundingEstimate`)."""
+        return any(isinstance(group, RoundingEstimate) for group in self.groups)
 
     def rounding_error(self, x: Motion) -> Step:
         """Estimate the absolute error of the residual from rounding of `x`, [n_free], N."""
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
-            if isinstance(group, Rounding):
+            if isinstance(group, RoundingEstimate):
                 left.append(
                     self.space.pad_moments(
                         evaluate_elements("rounding_error", group, state, self.nodes, x)
@@ -250,7 +250,7 @@ class System(Elementwise):
         """Whether a following load acts in this phase, scalar bool."""
         if self.followers is None:
             return jnp.zeros((), bool)
-        return jnp.any(jnp.stack([follower.acts for follower in self.followers]))
+        return jnp.any(jnp.stack([follower.is_acting for follower in self.followers]))
 
     # --- matrices
 
@@ -260,10 +260,12 @@ class System(Elementwise):
         A matrix of `linear`: dense [n_free, n_free], or sparse if the `DofMap` has a pattern.
         `known` has tangents that are evaluated already, one item per group: [n_elem, d, d] or None.
         """
-        parts = self.parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
-        return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
+        parts = self.matrix_parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
+        return self.space.stabilize_torsional_mechanisms(self._assemble_matrix(parts), x)
 
-    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
+    def matrix_parts(
+        self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion
+    ) -> list[MatrixPart]:
         """Transform element matrices, [n_elem, d, d] per group, to `MatrixPart`s by unknowns."""
         return [
             self.space.transform_to_unknowns(
@@ -283,7 +285,7 @@ class System(Elementwise):
         pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
-        parts = self.parts(self.mass_matrices(x, gravity, distribution), x)
+        parts = self.matrix_parts(self.mass_matrices(x, gravity, distribution), x)
         # the pattern has places for terms of loads, too
         others = jax.eval_shape(lambda: self.external_stiffness_parts(x))
         return self._assemble_matrix(
@@ -305,7 +307,7 @@ class System(Elementwise):
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Assemble the secant stiffness between two motions, a matrix like `tangent`, N/m."""
-        return self._assemble_matrix(self.parts(self.secants(before, x), x))
+        return self._assemble_matrix(self.matrix_parts(self.secants(before, x), x))
 
     def displacement_jacobian(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
@@ -353,7 +355,7 @@ class System(Elementwise):
             stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
-    def find_slackened(self, motion: Motion) -> Slackened:
+    def find_slackened(self, motion: Motion) -> SlackenedElements:
         """Return which elements loose nodes can slacken, for derivatives: see `kinks`."""
         return find_slackened(self, motion)
 

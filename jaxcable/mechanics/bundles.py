@@ -38,7 +38,7 @@ class Bundles(NamedTuple):
     sizes: tuple[int, ...]
 
     @classmethod
-    def of(cls, groups: Sequence[Element]) -> Bundles:
+    def from_groups(cls, groups: Sequence[Element]) -> Bundles:
         """Find which element groups differ in numbers only, and put them into one bundle."""
         found = {}
         for number, group in enumerate(groups):

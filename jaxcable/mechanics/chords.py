@@ -40,7 +40,7 @@ class Chords:
     length: Float[Array, " n"]
 
     @classmethod
-    def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
+    def at_motion(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
         """Compute the chords of a system at motion `x` from its end forces, per group."""
         vector = second_minus_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))

@@ -148,7 +148,7 @@ class Elementwise:
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
-        """Return secant stiffnesses between two motions, per group as `Secant.secant`, N/m."""
+        """Return secant stiffnesses between two motions, per group, N/m (`SecantStiffness`)."""
         return [
             evaluate_elements("secant", group, state, self.nodes, before, motion)
             for group, state in zip(self.groups, self.states, strict=True)

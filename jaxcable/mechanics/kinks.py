@@ -40,8 +40,8 @@ _SLACKENING = 1e-3
 """Strain by which released elements are slack; no derivative depends on it."""
 
 
-class Slackened(NamedTuple):
-    """What happens to elements at their kinks, for derivatives.
+class SlackenedElements(NamedTuple):
+    """Elements that are just taut or just touching, where derivatives are those of one side or NaN.
 
     Attributes:
         released: which elements loose nodes can slacken, [n_elem] bool for each group, or None.
@@ -52,8 +52,8 @@ class Slackened(NamedTuple):
     at_kink: Bool[Array, ""]
 
 
-def find_slackened(system: System, x: Motion) -> Slackened:
-    """Find which elements of a system at a motion of all rows can slacken: `Slackened`.
+def find_slackened(system: System, x: Motion) -> SlackenedElements:
+    """Find which elements of a system at a motion of all rows can slacken: `SlackenedElements`.
 
     An element is at its kink if its strain is zero up to rounding. Those whose law has history
     variables go slack at other strains and do not count. All is traced where a derivative is taken.
@@ -61,14 +61,14 @@ def find_slackened(system: System, x: Motion) -> Slackened:
     counted = [_has_kinks(group) for group in system.groups]
     places = [k for k, own in enumerate(counted) if own and _is_straight(system, k)]
     if not any(counted):
-        return Slackened([None] * len(counted), jnp.zeros((), bool))
+        return SlackenedElements([None] * len(counted), jnp.zeros((), bool))
     nothing = [jnp.zeros(len(system.groups[k].links), bool) for k in places]
     find = deferred(lambda s, x: _released_and_kinks(s, x, places), (nothing, jnp.zeros((), bool)))
     found, at_kink = find(*lax.stop_gradient((system, x)))
     released: list[Any] = [None] * len(counted)
     for k, own in zip(places, found, strict=True):
         released[k] = own
-    return Slackened(released, at_kink)
+    return SlackenedElements(released, at_kink)
 
 
 def slacken(system: System, released: list[Bool[Array, " n_elem"] | None]) -> System:

@@ -19,12 +19,12 @@ from jax import lax
 
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.abilities import interpolate, statements_of
+from ..elements.abilities import accepted_inputs, interpolate
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from ..loads.varying import Amplitude
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Motion
 from . import activation
@@ -47,7 +47,7 @@ class NodalIncrement:
     values: Float[ArrayLike, "... n_row n_freedom"]
     amplitude: Amplitude | None = None
 
-    def value_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
+    def added_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
         """Return the loads or movements that the phase has added at a load factor (`parameter`).
 
         They are [n_row, 3 or 6], in the units of `values`.
@@ -63,8 +63,8 @@ class PhaseData:
 
     Attributes:
         number: index of the phase.
-        statements: what it states of elements, such as pretension: for every group a dict from name
-            to `StatedValues`.
+        inputs: what it states of elements, such as pretension: for every group a dict from name
+            to `InputValues`.
         added_load: nodal loads that it adds, or None.
         moved: movements of supports in it, or None.
         dof_map: map of the degrees of freedom, with the supports of this phase. (In a `Schedule`
@@ -77,7 +77,7 @@ class PhaseData:
     """
 
     number: Int[ArrayLike, ""]
-    statements: list[dict[str, StatedValues]]
+    inputs: list[dict[str, InputValues]]
     added_load: NodalIncrement | None
     moved: NodalIncrement | None
     dof_map: DofMap
@@ -94,7 +94,7 @@ class LoadRamp:
         nodes, groups: the structure.
         start: `RestartState` at the start of the phase (without loads on newly supported freedoms).
         end_states: element states at the end; None for a group that does not change.
-        jacks: (force at the start, `StatedValues` at the end) for a jacked group, else None.
+        jacks: (force at the start, `InputValues` at the end) for a jacked group, else None.
         added_load: nodal loads that this phase adds, or None.
         added: which loads of every stack in `start` this phase adds, list of [m] bool.
         moved: movements of the supports in this phase, or None.
@@ -107,7 +107,7 @@ class LoadRamp:
     groups: list[Element]
     start: RestartState
     end_states: list[ElementState | None]
-    jacks: list[tuple[Float[Array, " n_elem"], StatedValues] | None]
+    jacks: list[tuple[Float[Array, " n_elem"], InputValues] | None]
     added_load: NodalIncrement | None
     added: list[Bool[Array, " m"]]
     moved: NodalIncrement | None
@@ -140,22 +140,20 @@ class LoadRamp:
                 restart = copy_with(restart, motion=changed.motion, states=changed.states)
                 released = released + jnp.where(data.dof_map.fixed, 0.0, changed.unbalanced)
         states, end_states, jacks = [], [], []
-        for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
+        for group, state, inputs in zip(groups, restart.states, data.inputs, strict=True):
             end_state = jack = None
-            known = statements_of(group)
-            state = state.weighed_anew()
-            if "jacking" in statements:
+            known = accepted_inputs(group)
+            state = state.reset_load_bearing_length()
+            if "jacking" in inputs:
                 force = evaluate_elements("tension", group, state, nodes, restart.motion)
-                jack = (force, statements["jacking"])
-            stateable: Any = group  # a `Prestressable`: other groups accept no statement
-            sudden = {n: stated for n, stated in statements.items() if not known[n].ramped}
+                jack = (force, inputs["jacking"])
+            stateable: Any = group  # a `Prestressable`: other groups accept no input
+            sudden = {n: stated for n, stated in inputs.items() if not known[n].ramped}
             if sudden:
-                state = stateable.apply_statements(state, nodes[group.links], sudden)
-            ramped = {
-                n: stated for n, stated in statements.items() if n not in ("jacking", *sudden)
-            }
+                state = stateable.apply_phase_inputs(state, nodes[group.links], sudden)
+            ramped = {n: stated for n, stated in inputs.items() if n not in ("jacking", *sudden)}
             if ramped:
-                end_state = stateable.apply_statements(state, nodes[group.links], ramped)
+                end_state = stateable.apply_phase_inputs(state, nodes[group.links], ramped)
             states.append(state)
             end_states.append(end_state)
             jacks.append(jack)
@@ -207,7 +205,7 @@ class LoadRamp:
         """Return nodal loads and remaining released forces at a load factor, [n_row, n_freedom]."""
         load = self.start.nodal_load
         if self.added_load is not None:
-            load = load + self.added_load.value_at(parameter)
+            load = load + self.added_load.added_at(parameter)
         if self.released is not None:
             load = load + (1 - parameter) * self.released
         return load
@@ -217,7 +215,7 @@ class LoadRamp:
         begin = self.start.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).motion_after_row_step(begin, self.moved.value_at(parameter))
+        return space_class(self.groups).motion_after_row_step(begin, self.moved.added_at(parameter))
 
     def system_at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """Return the equations of the structure, `System`, at a load factor (`parameter`)."""

@@ -40,7 +40,7 @@ class LoadStack:
             m; None if the loads do not need them.
     """
 
-    load: kinds.Acting
+    load: kinds.PersistentLoad
     phase: Int[ArrayLike, " m"]
     late: bool = False
     amplitude: Amplitude | None = None
@@ -50,7 +50,7 @@ class LoadStack:
     @property
     def follows(self) -> bool:
         """Whether these are follower loads, which depend on the current positions of nodes."""
-        return isinstance(self.load, kinds.Following)
+        return isinstance(self.load, kinds.FollowerLoad)
 
     def up_to_phase(self, phase: Int[ArrayLike, ""]) -> LoadStack:
         """Return the stack with zeros (also for NaN) in loads of phases after `phase`."""
@@ -86,7 +86,7 @@ class LoadStack:
 
     def coupled_nodes(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
         """Return nodes whose forces depend on each other's positions, a list of [n, k]."""
-        load: Any = self.load.with_bundle_numbers(bundles)  # only called for following loads
+        load: Any = self.load.with_bundle_indices(bundles)  # only called for following loads
         return load.coupled_nodes(groups)
 
     def before_phases(self, begun: Float[Array, "n_row 3"]) -> LoadStack:
@@ -110,18 +110,18 @@ class LoadStack:
         return copy_with(self, begun=jnp.where(added[:, None, None], moved, self.begun))
 
     @property
-    def acts(self) -> Bool[Array, ""]:
+    def is_acting(self) -> Bool[Array, ""]:
         """Whether any of these loads has a factor that is not zero, scalar bool."""
         return jnp.any(self.factors != 0)
 
     def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
-        """Return forces on every node, [n_row, 3], N (see `Following.following_forces`)."""
+        """Return forces on every node, [n_row, 3], N (see `FollowerLoad.following_forces`)."""
         return self.weighted_sum(lambda load: load.following_forces(*arguments))
 
     def following_blocks(
         self, *arguments: Any
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
-        """Return derivatives of the forces by positions (`Following.following_blocks`).
+        """Return derivatives of the forces by positions (`FollowerLoad.following_blocks`).
 
         The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
         """
@@ -163,13 +163,13 @@ class LoadStack:
 
 
 def stack_loads(
-    acting: Sequence[Sequence[tuple[kinds.Acting, Amplitude | None]]],
+    acting: Sequence[Sequence[tuple[kinds.PersistentLoad, Amplitude | None]]],
 ) -> list[LoadStack]:
     """Stack the element loads of all phases by kind, on the host.
 
     Args:
         acting: for every phase a list of pairs: load in the form of an analysis
-            (`OnGroups.with_group_numbers`), and its amplitude or None.
+            (`OnGroups.with_group_indices`), and its amplitude or None.
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.

@@ -8,7 +8,7 @@ from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
-from ..spaces import space_of
+from ..spaces import space_class
 from ..spaces.dof_map import DofMap
 from ..spaces.space import Motion
 from .assembly import System
@@ -17,7 +17,7 @@ from .load_stacks import LoadStack, dead_load, element_load
 
 @pytree
 class RestartState:
-    """What a phase hands to the next one, and from which another analysis can continue.
+    """State of a structure after a phase, from which the next one or another analysis continues.
 
     Attributes:
         motion: motion of all nodes (rows) from the initial nodes, [n_row, n_motion]; see `spaces`.
@@ -56,7 +56,7 @@ class RestartState:
 def initial_restart_state(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> RestartState:
     """Return the `RestartState` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
-    space = space_of(groups)
+    space = space_class(groups)
     return RestartState(space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [])
 
 
@@ -96,6 +96,6 @@ def make_system(
         else state
         for number, (group, state) in enumerate(zip(groups, restart.states, strict=True))
     ]
-    space = space_of(groups).of(nodes, groups, dof_map, prescribed, restart.support_rotation)
+    space = space_class(groups).build(nodes, groups, dof_map, prescribed, restart.support_rotation)
     followers = [stack for stack in restart.loads if stack.follows] or None
     return System(nodes, groups, states, load, space, followers)

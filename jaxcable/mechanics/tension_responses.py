@@ -45,7 +45,7 @@ class CableTensions:
     shapes: list[PyTree[Array]]
 
     @classmethod
-    def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> CableTensions:
+    def at_motion(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> CableTensions:
         """Evaluate all cables at motion `x`.
 
         With `exact`, elongations are as precise as a motion that is the sum of displacements and
@@ -225,7 +225,7 @@ def linearized_elongation(
     return jnp.concatenate(changes)
 
 
-def relative_motion_along_cables(system: System, row_step: Forces) -> Float[Array, " n"]:
+def largest_relative_motion_per_cable(system: System, row_step: Forces) -> Float[Array, " n"]:
     """Return for each cable, [n], the largest relative motion of successive nodes over a length.
 
     That is the unstressed length of the cable over its number of pieces; `row_step` is the step of

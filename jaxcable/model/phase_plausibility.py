@@ -12,7 +12,7 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float, Int
 from ..elements.element import Element
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from .plausibility import (
     STATE_UNITS,
     FixedDofs,
@@ -47,7 +47,7 @@ _UNITS = f"check the units: stiffness and forces in N, areas in m2, moduli in Pa
 
 @issues_warnings
 def warn_of_prestress(
-    name: str, stated: StatedValues, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
+    name: str, stated: InputValues, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
 ) -> Iterator[str]:
     """Warn of prestress that no cable can bear.
 

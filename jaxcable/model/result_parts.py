@@ -35,7 +35,7 @@ def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
     return [(keystr(path), group) for path, group in leaves]
 
 
-def path_of_group(structure: Structure, k: int) -> str:
+def group_path(structure: Structure, k: int) -> str:
     """Return how a user writes the group with index `k`, for messages: ``elements['net']``."""
     return f"elements{structure.named_groups()[k][0]}"
 

@@ -16,13 +16,13 @@ from ..common.tree import Indices, computed_once, copy_with, index_array, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
-from ..spaces import Space, space_of
+from ..spaces import Space, space_class
 from ..spaces.dof_map import MotionRows
 from . import coordinate_precision, plausibility
-from .spins import find_free_spins
-from .spins import warn_of_free_spins as warn_of_spins
 from .supports import FixedDofs, Supports
 from .topology import nodes_with_elements
+from .torsional_mechanisms import find_torsional_mechanisms
+from .torsional_mechanisms import warn_of_torsional_mechanisms as warn_of_spins
 
 _RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
     *("displacement", "displacement_in_phase", "positions", "reactions", "load", "rotation"),
@@ -213,7 +213,7 @@ class Structure:
     @computed_once
     def space(self) -> type[Space]:
         """Class of `spaces` that moves nodes: `RotatingNodes` with beams, else `Translations`."""
-        return space_of(self.groups)
+        return space_class(self.groups)
 
     def nodes_with_elements(self) -> Bool[np.ndarray, " n_node"]:
         """Return which nodes are ends of elements, [n_node] bool."""
@@ -324,14 +324,14 @@ class Structure:
                     f"supports: node {node} is carried by another node (rigid); support that one"
                 )
         fixed[:, 3:] |= ~self.rotating_nodes()[:, None]
-        spins = find_free_spins(self, fixed, axes)
+        mechanisms = find_torsional_mechanisms(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
             fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
             fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.inactive[rows.inner]
             axes[rows.inner] = np.eye(3)
         plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
-        return FixedDofs(fixed, None if plain else axes, spins)
+        return FixedDofs(fixed, None if plain else axes, mechanisms)
 
     def held_displacements(self) -> Bool[np.ndarray, "n_node 3"]:
         """Return which displacements along x, y, z the supports hold, [n_node, 3] bool.

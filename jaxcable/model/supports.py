@@ -7,7 +7,7 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int
-from .spins import FreeSpins
+from .torsional_mechanisms import TorsionalMechanisms
 
 N_DISPLACEMENT = 3
 """Freedoms of a node in a structure of bars and cables: three displacements."""
@@ -21,24 +21,24 @@ class FixedDofs(Indices):
         axes: directions of displacements and of rotations, `Indices` [n_row, 3, 3], one in each row
             of a matrix; None if they are x, y, z everywhere and no row has exactly one held
             rotation.
-        spins: `spins.FreeSpins` that these supports leave free, or None.
+        mechanisms: `TorsionalMechanisms` that these supports permit, or None.
     """
 
-    __slots__ = ("axes", "spins")
+    __slots__ = ("axes", "mechanisms")
 
     def __init__(
         self,
         array: Bool[ArrayLike, "n_row n_freedom"],
         axes: Float[ArrayLike, "n_row 3 3"] | Indices | None = None,
-        spins: FreeSpins | None = None,
+        mechanisms: TorsionalMechanisms | None = None,
     ):
         super().__init__(array)
         self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
-        self.spins = spins
+        self.mechanisms = mechanisms
 
     def _identity(self):
-        """Return what equality and hash compare, a tuple: digest of the array, axes and spins."""
-        return self._digest, self.axes, self.spins
+        """Return what equality and hash compare, a tuple: digest of the array, axes, mechanisms."""
+        return self._digest, self.axes, self.mechanisms
 
     def __hash__(self):
         return hash(self._identity())
@@ -50,7 +50,7 @@ class FixedDofs(Indices):
         """Return a copy that always has `axes`: x, y, z in every row if it had none."""
         if self.axes is not None:
             return self
-        return FixedDofs(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
+        return FixedDofs(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.mechanisms)
 
 
 @pytree(indices=("mask", "nodes", "clamps", "chosen", "held", "axes"))
@@ -261,7 +261,7 @@ def restrained(
         along: displacements that are held, some of "xyz".
         about: rotations that are held, some of "xyz"; only nodes joined to a beam have rotations.
         axes: directions that replace x, y, z at these nodes, [3, 3] or [n, 3, 3], one in each row
-            of a matrix, at right angles (`Beams.axes_of` gives those of beams); or only the
+            of a matrix, at right angles (`Beams.element_axes` gives those of beams); or only the
             direction that replaces x, [3], if any two across it serve for y and z. They do not
             change while the structure moves. Default x, y, z.
 

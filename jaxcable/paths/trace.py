@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..analysis.as_built_statements import refuse_as_built
+from ..analysis.as_built_inputs import refuse_as_built
 from ..analysis.phase_checks import before_phases
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import complete_input, prepare, traced_input_status

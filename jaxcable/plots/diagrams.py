@@ -106,7 +106,7 @@ def diagram(
     stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, names=names)
     shown = snapshots.state_to_draw(state, phase)
-    snapshot, title = snapshots.of_state(shown), snapshots.title(int(shown.phase), shown)
+    snapshot, title = snapshots.at_state(shown), snapshots.title(int(shown.phase), shown)
     seen = choose_view(snapshot.points(), view, space=True, units=stated or SI)
     found = ForceDiagrams(snapshots, [snapshot], of, high, seen, units=stated, turns=view is None)
     seen = found.view

@@ -14,7 +14,7 @@ from ..analysis.results import result_fields
 from ..analysis.solution import Solution, State
 from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
-from ..elements.abilities import Bending, Sagging
+from ..elements.abilities import Bending, Hanging
 from ..elements.prestress import single_element
 from ..forms import catenary_curves
 from ..model.result_parts import end_nodes, values_per_group
@@ -106,8 +106,8 @@ class SolutionCurves:
     def __init__(self, solution: Solution, structure: Structure | None, places: int = PLACES):
         self.solution, self.structure = solution, structure
         self.groups = () if structure is None else structure.groups
-        self.straight = not any(isinstance(group, Bending | Sagging) for group in self.groups)
-        curved = [len(g.links) for g in self.groups if isinstance(g, Bending | Sagging)]
+        self.straight = not any(isinstance(group, Bending | Hanging) for group in self.groups)
+        curved = [len(g.links) for g in self.groups if isinstance(g, Bending | Hanging)]
         self.places = places if sum(curved) <= _MANY else _FEW
         starts = np.cumsum([0, *(len(group.links) for group in self.groups)])
         self._numbers = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
@@ -115,13 +115,13 @@ class SolutionCurves:
             lambda phase: self._sag_in_state(self.state_after_phase(phase))
         )
 
-    def of_state(self, state: State) -> Curves | None:
+    def at_state(self, state: State) -> Curves | None:
         """Return the curves in a `State`; None if no element is curved."""
         if self.straight:
             return None
         return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
-    def in_increment(self, phase: int, number: int) -> Curves | None:
+    def at_increment(self, phase: int, number: int) -> Curves | None:
         """Return the curves in converged increment `number` of a phase; None if none are curved.
 
         The sag of hanging cables is known at the ends of phases, and at the last state before a
@@ -188,7 +188,7 @@ class SolutionCurves:
                     slopes.append(slope * length[:, None, None])
                     axes.append(turned)
         pairs = zip(self._numbers, self.groups, strict=True)
-        numbers += [number for number, group in pairs if isinstance(group, Sagging)]
+        numbers += [number for number, group in pairs if isinstance(group, Hanging)]
         number, ends = np.concatenate(numbers), [end_nodes(group) for group in self.groups]
         parts = np.concatenate(slopes), np.concatenate(axes), sag
         return Curves(number, np.concatenate(ends)[number], *parts)
@@ -201,7 +201,7 @@ class SolutionCurves:
     def _sag_in_state(self, state):
         """Return the vectors from chords to hanging cables in a state, shaped as `Curves.sag`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
-        if any(isinstance(group, Sagging) for group in self.groups):
+        if any(isinstance(group, Hanging) for group in self.groups):
             curves = values_per_group(
                 self.structure, catenary_curves(self.structure, state, self.places)
             )

@@ -271,7 +271,7 @@ def _beam_ends_and_axes(structure, nodes):
         own = end_nodes(bending)
         ends.append(own)
         if isinstance(bending, Beams):  # elements of other classes state no axes
-            axes.append(np.asarray(bending.axes_of(nodes)))
+            axes.append(np.asarray(bending.element_axes(nodes)))
         else:
             axes.append(default_section_axes(nodes[own]))
     return np.concatenate(ends), np.concatenate(axes)
@@ -329,7 +329,7 @@ def _magnified_curves(structure, solutions, number, factor):
     if solutions is None:
         return None
     case = jax.tree.map(lambda x: np.asarray(x)[number], solutions)
-    curves = SolutionCurves(case, structure).of_state(case.last)
+    curves = SolutionCurves(case, structure).at_state(case.last)
     return None if curves is None else curves.magnified(curves.in_initial_geometry(), factor)
 
 

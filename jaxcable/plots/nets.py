@@ -196,7 +196,7 @@ def _stages_before_and_after(snapshots, state, magnify):
         state: `State` after loading.
         magnify: factor on displacements, or None for a round one.
     """
-    end, title = snapshots.of_state(state), snapshots.title(int(state.phase), state)
+    end, title = snapshots.at_state(state), snapshots.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
         before, origin = (
             StagePicture(title, end, end.in_initial_geometry()),

@@ -108,7 +108,7 @@ def _factor_on_heights(structure, solution, profile):
     """
     if any(isinstance(group, Bending) for group in structure.groups):
         return 1.0
-    shape = Snapshots(solution, structure).of_state(solution.last).points()
+    shape = Snapshots(solution, structure).at_state(solution.last).points()
     return choose_view(np.concatenate([shape, profile]), heights=None).heights
 
 

@@ -175,17 +175,17 @@ class Snapshots:
         self._curves = SolutionCurves(solution, structure, places)
         self._rotates = None if structure is None else structure.rotating_nodes()
 
-    def of_state(self, state: State) -> Snapshot:
+    def at_state(self, state: State) -> Snapshot:
         """Return the `Snapshot` of a `State`."""
         displacement = np.asarray(state.positions) - self._curves.initial_positions
         place = int(state.phase), None, float(state.load_factor)
         return self._make_snapshot(
-            place, displacement, state.element_results, self._curves.of_state(state), state
+            place, displacement, state.element_results, self._curves.at_state(state), state
         )
 
     def after_phase(self, phase: int) -> Snapshot:
         """Return the `Snapshot` at the end of a phase that has converged."""
-        return self.of_state(self._curves.state_after_phase(phase))
+        return self.at_state(self._curves.state_after_phase(phase))
 
     def increments(self, frames: int, ends: bool = False) -> list[Snapshot]:
         """Return the `Snapshot`s of the converged increments of all phases, a list.
@@ -220,7 +220,7 @@ class Snapshots:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]
                 element_results |= end.element_results
             place = phase, number, float(path.load_factor)
-            curves = self._curves.in_increment(phase, number)
+            curves = self._curves.at_increment(phase, number)
             found.append(self._make_snapshot(place, displacement, element_results, curves, end))
         return found
 

@@ -78,7 +78,7 @@ def tension_along(
         raise ValueError(f"element = {element!r}: there are elements 0 to {len(chains) - 1}")
     if phases is None:
         phases = [k for k, end in enumerate(solution.phases) if int(end.status) == 0]
-    shots = [snapshots.of_state(snapshots.state_to_draw(None, k)) for k in phases]
+    shots = [snapshots.at_state(snapshots.state_to_draw(None, k)) for k in phases]
     shots = [shot for shot in shots if shot.forces.present[shot.forces.group == number][element]]
     if not shots:
         raise ValueError("phases: the cable is in none of them, or none has converged")

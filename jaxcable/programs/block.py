@@ -114,7 +114,7 @@ class Names:
             self._functions[key] = name, owner
         return self._functions[key][0]
 
-    def add_calls(self, counts: dict[int, int]) -> None:
+    def add_call_counts(self, counts: dict[int, int]) -> None:
         """Add numbers of calls of jaxprs, by address (`id`), of a part that was traced later."""
         self._n_call = {**self._n_call, **counts}
 

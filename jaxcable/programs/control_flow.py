@@ -308,7 +308,7 @@ def _deferred(block, equation, inputs):
 
     def make():
         program = jax.make_jaxpr(function)(*avals)
-        block.names.add_calls(count_calls(program))
+        block.names.add_call_counts(count_calls(program))
         return program
 
     name = block.names.deferred_function_name(function, make)

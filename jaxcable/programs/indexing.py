@@ -14,7 +14,7 @@ import numpy as np
 from .rules import result_of, rule
 
 
-def _outside_mode(equation):
+def _out_of_bounds_mode(equation):
     """Return what is done with indices outside: "clip" (moved inside) or "fill" (dropped)."""
     name = str(equation.params["mode"]).upper()
     return "fill" if "FILL" in name or "DROP" in name else "clip"
@@ -25,7 +25,7 @@ def _gather(block, equation, inputs):
     """Write a gather: entries, rows or windows of an array at computed indices."""
     (x, indices), given = inputs, equation.params
     shape, numbers = result_of(equation)[0], given["dimension_numbers"]
-    fills, sizes = _outside_mode(equation) == "fill", tuple(given["slice_sizes"])
+    fills, sizes = _out_of_bounds_mode(equation) == "fill", tuple(given["slice_sizes"])
     if not x.held and not fills:
         return [x._replace(shape=shape)]
     value = block.names.constant(_fill_value(given["fill_value"], x.dtype))
@@ -166,7 +166,7 @@ _OPERATIONS |= {"min": np.minimum, "max": np.maximum}
 def _scatter(block, equation, inputs):
     """Write a scatter: updates that are set, added, multiplied ... at computed indices."""
     x, indices, updates = inputs
-    numbers, clips = equation.params["dimension_numbers"], _outside_mode(equation) == "clip"
+    numbers, clips = equation.params["dimension_numbers"], _out_of_bounds_mode(equation) == "clip"
     make = _make_scatter_indices, numbers, x.shape, updates.shape, clips
     prepared = _write_preparation(block, make, indices)
     operation = _OPERATIONS[equation.primitive.name[len("scatter_") :]]

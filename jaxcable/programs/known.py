@@ -41,6 +41,6 @@ class KnownPrograms:
 
 @on_forget_programs
 def _forget():
-    """Empty all `KnownPrograms`, as `forget_programs` does."""
+    """Empty all `KnownPrograms`: later calls are traced and compiled anew."""
     for known in list(KnownPrograms.every):
         known.programs.clear()

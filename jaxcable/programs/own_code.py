@@ -21,7 +21,7 @@ def user_code_digest(tree: Any) -> str | None:
         own = _user_objects(tree)
     except TypeError:  # not hashable: with traced indices
         own = _user_objects.__wrapped__(tree)
-    return digest.of_host_function(own) if own else None
+    return digest.host_function_digest(own) if own else None
 
 
 @functools.lru_cache(maxsize=256)
@@ -36,7 +36,7 @@ def _user_objects(tree):
         if isinstance(value, tuple | list):
             for part in value:
                 add(part)
-        elif not digest.is_of_library(getattr(value, "__module__", "builtins")):
+        elif not digest.is_library_module(getattr(value, "__module__", "builtins")):
             found.append(value)
 
     def visit(tree):

@@ -43,7 +43,7 @@ class Equations:
         self.arguments_tree: Any = jax.tree.structure(arguments)
         self.result_tree: Any = jax.tree.structure(result)
         # jaxprs are alive as long as these: so are the functions in them, and their addresses
-        self._key = digest.of_equations(jaxpr), self.arguments_tree, self.result_tree
+        self._key = digest.equations_digest(jaxpr), self.arguments_tree, self.result_tree
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -81,7 +81,7 @@ class TracedFunction:
 
 
 def _as_key(x, variable):
-    """Return an array for a variable of a jaxpr; for a random key `x` may be the key's data."""
+    """Return `x` with the type of a variable of a jaxpr: raw data of a random key become a key."""
     dtype = variable.aval.dtype
     if not jax.dtypes.issubdtype(dtype, jax.dtypes.prng_key) or x.dtype == dtype:
         return x

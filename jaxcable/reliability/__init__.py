@@ -4,7 +4,7 @@ from .distributions import Distribution, Gumbel, Lognormal, Normal, Uniform
 from .first_order import first_order
 from .first_order_result import DesignPoints, FirstOrder
 from .quantities import Quantities
-from .sampling import Sampling, importance_sampling
+from .sampling import SamplingResult, importance_sampling
 from .systems import SeriesSystem, series_system
 from .tolerance_budget import ToleranceBudget, tolerance_budget
 from .value_correlation import normal_correlation
@@ -17,7 +17,7 @@ __all__ = [
     "Lognormal",
     "Normal",
     "Quantities",
-    "Sampling",
+    "SamplingResult",
     "SeriesSystem",
     "ToleranceBudget",
     "Uniform",

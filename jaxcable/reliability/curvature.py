@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..common.types import Float
-from .search import Point
+from .search import SearchPoint
 
 _PROBES = 10  # at most: products with the matrix
 
@@ -26,14 +26,14 @@ def difference_step(dtype: np.dtype) -> float:
 
 
 def smallest_curvature(
-    evaluate: Callable[[Float[np.ndarray, " n"]], Point], point: Point
+    evaluate: Callable[[Float[np.ndarray, " n"]], SearchPoint], point: SearchPoint
 ) -> tuple[float, Float[np.ndarray, " n"]]:
     """Return the smallest eigenvalue of the matrix B at a stationary point, and its eigenvector.
 
     Each probe beside the point gives the product of the matrix with one more orthonormal vector.
 
     Args:
-        evaluate: function of u to a `Point`.
+        evaluate: function of u to a `SearchPoint`.
         point: stationary point.
 
     Returns:

@@ -51,7 +51,7 @@ class Distribution:
         ...         return (mean + deviation * u) ** 2
         ...     def to_normal(self, mean, deviation, x):
         ...         return (jnp.sqrt(x) - mean) / deviation
-        >>> print(Squared(mean=10.0, deviation=1.0).value_at(2.0))
+        >>> print(Squared(mean=10.0, deviation=1.0).value_at_normal(2.0))
         144.0
     """
 
@@ -105,11 +105,11 @@ class Distribution:
         deviation = jnp.where(are_rules_kept(self.rules()), deviation, jnp.nan)
         return jnp.broadcast_to(mean, self.shape), jnp.broadcast_to(deviation, self.shape)
 
-    def value_at(self, u: Float[ArrayLike, " ..."]) -> Float[Array, " ..."]:
+    def value_at_normal(self, u: Float[ArrayLike, " ..."]) -> Float[Array, " ..."]:
         """Return the values x with ``F(x) = Phi(u)``, of standard normal values u."""
         return self.from_normal(*self._mean_and_deviation(), jnp.asarray(u))
 
-    def normal_at(self, x: Float[ArrayLike, " ..."]) -> Float[Array, " ..."]:
+    def normal_at_value(self, x: Float[ArrayLike, " ..."]) -> Float[Array, " ..."]:
         """Return the standard normal values u of values x; NaN outside of the distribution."""
         return self.to_normal(*self._mean_and_deviation(), jnp.asarray(x))
 
@@ -139,7 +139,7 @@ class Normal(Distribution):
         Cutting errors of three cables, m; the value that 97.7 % of them do not exceed:
 
         >>> error = jc.reliability.Normal(mean=np.zeros(3), deviation=2e-3)
-        >>> print(error.value_at(2.0 * np.ones(3)))
+        >>> print(error.value_at_normal(2.0 * np.ones(3)))
         [0.004 0.004 0.004]
     """
 
@@ -163,7 +163,7 @@ class Lognormal(Distribution):
         The median of a strength is below its mean:
 
         >>> strength = jc.reliability.Lognormal(mean=500e3, variation=0.1)  # N
-        >>> print(f"{strength.value_at(0.0):.1f} N")
+        >>> print(f"{strength.value_at_normal(0.0):.1f} N")
         497518.6 N
     """
 
@@ -194,7 +194,7 @@ class Gumbel(Distribution):
 
         >>> from scipy.stats import norm
         >>> pressure = jc.reliability.Gumbel(mean=300.0, variation=0.25)  # Pa
-        >>> print(f"{pressure.value_at(norm.ppf(0.98)):.2f} Pa")
+        >>> print(f"{pressure.value_at_normal(norm.ppf(0.98)):.2f} Pa")
         494.42 Pa
     """
 
@@ -229,7 +229,7 @@ class Uniform(Distribution):
 
     Example:
         >>> error = jc.reliability.Uniform(mean=0.0, deviation=3e-3 / np.sqrt(3))  # within 3 mm
-        >>> print(f"{1e3 * error.value_at(8.0):.3f} mm")
+        >>> print(f"{1e3 * error.value_at_normal(8.0):.3f} mm")
         3.000 mm
     """
 

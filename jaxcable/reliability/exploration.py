@@ -18,7 +18,7 @@ import numpy as np
 from ..common import status
 from ..common.types import Float, Int
 from .curvature import difference_step, smallest_curvature
-from .search import Point, search_from
+from .search import SearchPoint, search_from
 
 _RADIUS, _RISE = 1.1, 0.75  # of bulges, over the distance from the origin, as published
 _BULGED_TRIALS = 15  # evaluations; what follows is a search on the true surface
@@ -37,7 +37,7 @@ class DesignPoint(NamedTuple):
         direction: unit vector in which the surface bends so, [n]; zero if there is none.
     """
 
-    point: Point
+    point: SearchPoint
     curvature: float
     direction: Float[np.ndarray, " n"]
 
@@ -56,7 +56,7 @@ class DesignPoint(NamedTuple):
 
 
 class ExplorationOutcome(NamedTuple):
-    """What is known of a limit state after the search for all its design points.
+    """Result of the search for all design points of one limit state.
 
     Attributes:
         status, iterations, evaluations, failures, distance, misalignment: as of `FirstOrder`.
@@ -130,7 +130,7 @@ class Exploration:
         """Return the outcome, with exactly `rows` rows of points, NaN in unused ones."""
 
         vector, number = np.full_like(self.start, np.nan), self.start.dtype.type(np.nan)
-        none = DesignPoint(Point(vector, number, vector), number, vector)
+        none = DesignPoint(SearchPoint(vector, number, vector), number, vector)
         nearest, *_ = every = (self.points + [none] * rows)[:rows]
         numbers = self.code, self.iterations, self.evaluations, self.failures
         return ExplorationOutcome._make(
@@ -209,12 +209,12 @@ class Exploration:
         return end
 
     def _point_at(self, u):
-        """Evaluate limit state and gradient at u, [n]: return the `Point`.
+        """Evaluate limit state and gradient at u, [n]: return the `SearchPoint`.
 
         It is counted, and so is the least distance from the origin of points that fail or
         not.
         """
-        point = Point(u, *self.limit_state(u))
+        point = SearchPoint(u, *self.limit_state(u))
         self.evaluations += 1
         self.failures += not point.is_finite()
         if abs(point.value) > 0:
@@ -223,7 +223,7 @@ class Exploration:
         return point
 
     def _bulged_at(self, u):
-        """Return the `Point` at u of the surface that is bulged out around all known points."""
+        """Return the `SearchPoint` at u on the surface bulged out around all known points."""
         point = self._point_at(u)
         value, gradient = point.value, point.gradient
         for known, *_ in self.found:
@@ -232,7 +232,7 @@ class Exploration:
             rise = (-_RISE if known.gradient @ known.u > 0 else _RISE) * size * known.slope()
             factor = rise / ((_RADIUS**2 - _RISE**2) * size**2) ** 2
             value, gradient = value + factor * inside**2, gradient - 4 * factor * inside * away
-        return Point(u, value, gradient)
+        return SearchPoint(u, value, gradient)
 
 
 def _fixed_random_directions(like):

@@ -24,7 +24,7 @@ from ..programs.search_call import run_search
 from .distributions import Distribution
 from .exploration import Exploration
 from .first_order_result import DesignPoints, FirstOrder
-from .index_derivative import with_derivatives
+from .index_derivative import attach_index_derivatives
 from .limit_states import (
     limit_state_vector,
     names_of_outcome,
@@ -32,7 +32,7 @@ from .limit_states import (
     trace_limit_state,
 )
 from .quantities import Quantities, as_quantities, split_by_name
-from .search import Point
+from .search import SearchPoint
 from .systems import NEVER, rows_without_point, union_bounds
 
 _TOLERANCE = {"float64": 1e-6, "float32": 1e-3}
@@ -119,7 +119,7 @@ def first_order(
     dtype = jax.dtypes.canonicalize_dtype(float)
     tol = check_tolerance(tol, _TOLERANCE[str(dtype)])
     tol = jnp.asarray(tol, dtype) if isinstance(tol, jax.core.Tracer) else np.asarray(tol, dtype)
-    begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at(start)
+    begin = np.zeros(quantities.size, dtype) if start is None else quantities.normal_at_value(start)
     task = trace_limit_state(limit_state, quantities, tuple(args)), quantities, tuple(args)
     problem = *task, begin, tol
     search = functools.partial(_search_design_points, steps=steps, points=points)
@@ -134,7 +134,7 @@ def first_order(
 
 def _limit_states(limit_state, quantities, args, u):
     """Return all limit states at u, [n], as a vector [m]; `args` are their further arguments."""
-    return limit_state_vector(limit_state(quantities.values_at(u), *args))
+    return limit_state_vector(limit_state(quantities.values_at_normals(u), *args))
 
 
 @as_program
@@ -155,8 +155,8 @@ def _is_problem_valid(quantities, tol):
 def _search_design_points(problem, *, steps, points, rows):
     """Search for the design points of all limit states, one after the other.
 
-    Return the `FirstOrder`, without derivatives, and the `Point` of every design point, in as many
-    `rows` as stated; None: as many as there are points.
+    Return the `FirstOrder`, without derivatives, and the `SearchPoint` of every design point, in as
+    many `rows` as given; None: as many as there are points.
     """
     limit_state, quantities, args, begin, tol = problem
     begin, tol = np.asarray(begin), np.asarray(tol)[()]
@@ -184,7 +184,7 @@ def _count_limit_states(limit_state):
 
 
 def _make_results(explorations, limit_state, quantities, *, rows):
-    """Return the `FirstOrder`, without derivatives, and the `Point` of every design point.
+    """Return the `FirstOrder`, without derivatives, and the `SearchPoint` of every design point.
 
     `explorations` has one `Exploration` for each limit state, of which `rows` points are kept.
     """
@@ -200,17 +200,17 @@ def _make_result(outcome, quantities, *, names):
 
     `names` are those of the limit states; None for a single one, without that axis.
     """
-    found = jax.vmap(functools.partial(_result_of_one, quantities))(outcome)
+    found = jax.vmap(functools.partial(_single_result, quantities))(outcome)
     if names is None:
         found = jax.tree.map(lambda leaf: leaf[0], found)
     return copy_with(found, limit_states=names)
 
 
-def _result_of_one(quantities, outcome):
+def _single_result(quantities, outcome):
     """Return the `FirstOrder`, without derivatives, of one limit state's `ExplorationOutcome`."""
     layout, factor = quantities.layout, quantities.factor()
     points = outcome.points
-    alphas, betas = (jax.vmap(of)(points.point) for of in (Point.alpha, Point.beta))
+    alphas, betas = (jax.vmap(of)(points.point) for of in (SearchPoint.alpha, SearchPoint.beta))
     importance = alphas[0]
     if factor is not None:  # z = L u: the linearized limit state is beta - alpha . L^-1 z
         importance = unbatched.solve_triangular(factor, importance, transposed=True)
@@ -219,7 +219,7 @@ def _result_of_one(quantities, outcome):
     system = union_bounds(jnp.where(absent, NEVER, betas), jnp.where(absent[:, None], 0.0, alphas))
     several = jnp.sum(~absent) > 1
     every = DesignPoints(
-        *(betas, points.curvature, jax.vmap(quantities.values_at)(points.point.u)),
+        *(betas, points.curvature, jax.vmap(quantities.values_at_normals)(points.point.u)),
         *(split_by_name(layout, x) for x in (points.point.u, alphas)),
     )
     nearest = jax.tree.map(lambda leaf: leaf[0], every)
@@ -228,7 +228,7 @@ def _result_of_one(quantities, outcome):
         *(nearest.design_point, nearest.u, nearest.alpha, split_by_name(layout, importance)),
         *(outcome.iterations, outcome.evaluations, outcome.failures),
         *(outcome.distance, outcome.misalignment, nearest.curvature),
-        *(every, quantities.values_at(outcome.last)),
+        *(every, quantities.values_at_normals(outcome.last)),
         limit_states=None,
         layout=layout,
     )
@@ -240,4 +240,4 @@ def _with_derivatives(found, points, *task):
 
     `points` are all design points; `task` is (limit state, quantities, arguments).
     """
-    return with_derivatives(_limit_states, found, points, task)
+    return attach_index_derivatives(_limit_states, found, points, task)

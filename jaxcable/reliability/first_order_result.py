@@ -120,7 +120,7 @@ class FirstOrder:
         """Squares of `alpha` by name, of sum 1: parts in the variance of the linearized state."""
         return {name: self.alpha[name] ** 2 for name, _ in self.layout}
 
-    def of(self, limit_state: str) -> FirstOrder:
+    def select_limit_state(self, limit_state: str) -> FirstOrder:
         """Return the result of one of several limit states, by its name."""
         names = self.limit_states or ()
         if limit_state not in names:

@@ -14,14 +14,14 @@ from ..common.tree import copy_with
 from ..common.types import Array, Float, PyTree
 from ..numerics.implicit_root import with_deferred_derivative
 from .first_order_result import FirstOrder
-from .search import Point
+from .search import SearchPoint
 from .systems import rows_without_point
 
 
-def with_derivatives(
+def attach_index_derivatives(
     function: Callable[..., Float[Array, " m"]],
     found: FirstOrder,
-    points: Point,
+    points: SearchPoint,
     task: PyTree[Any],
 ) -> FirstOrder:
     """Return a result with the derivatives that it has by the numbers of a task, NaN for others.

@@ -72,4 +72,4 @@ def trace_limit_state(
         return jax.tree.map(jnp.asarray, outcome)
 
     u = jax.ShapeDtypeStruct((quantities.size,), jax.dtypes.canonicalize_dtype(float))
-    return trace_function(checked, jax.eval_shape(quantities.values_at, u), *args)
+    return trace_function(checked, jax.eval_shape(quantities.values_at_normals, u), *args)

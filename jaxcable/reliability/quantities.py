@@ -54,8 +54,8 @@ class Quantities:
         ... )
         >>> print(quantities.size, quantities.layout)
         4 (('wind', ()), ('error', (2,)), ('ice', ()))
-        >>> values = quantities.values_at(jnp.array([0.0, 1.0, 0.0, 0.0]))
-        >>> print(values["error"], bool(abs(quantities.normal_at(values)[1] - 1.0) < 1e-12))
+        >>> values = quantities.values_at_normals(jnp.array([0.0, 1.0, 0.0, 0.0]))
+        >>> print(values["error"], bool(abs(quantities.normal_at_value(values)[1] - 1.0) < 1e-12))
         [0.001 0.   ] True
     """
 
@@ -109,17 +109,17 @@ class Quantities:
             None if self.correlation is None else unbatched.cholesky(jnp.asarray(self.correlation))
         )
 
-    def values_at(self, u: Float[ArrayLike, " n"]) -> dict[str, Float[Array, " ..."]]:
+    def values_at_normals(self, u: Float[ArrayLike, " n"]) -> dict[str, Float[Array, " ..."]]:
         """Return the values of all quantities by name, of independent standard normal values u."""
         u, factor = jnp.asarray(u), self.factor()
-        return self.values_of_normals(u if factor is None else factor @ u)
+        return self.values_at_correlated(u if factor is None else factor @ u)
 
-    def values_of_normals(self, z: Float[Array, " n"]) -> dict[str, Float[Array, " ..."]]:
+    def values_at_correlated(self, z: Float[Array, " n"]) -> dict[str, Float[Array, " ..."]]:
         """Return the values of all quantities by name, of their own standard normal values z."""
         parts = split_by_name(self.layout, z)
-        return {name: self.distributions[name].value_at(part) for name, part in parts.items()}
+        return {name: self.distributions[name].value_at_normal(u) for name, u in parts.items()}
 
-    def normal_at(self, values: Mapping[str, Float[ArrayLike, " ..."]]) -> Float[Array, " n"]:
+    def normal_at_value(self, values: Mapping[str, Float[ArrayLike, " ..."]]) -> Float[Array, " n"]:
         """Return the independent standard normal values u of values by name, [n].
 
         Quantities that `values` does not name are at their medians.
@@ -132,7 +132,7 @@ class Quantities:
         for name, shape in self.layout:
             if name in values:
                 value = checks.floats_of_shape(values[name], f"values[{name!r}]", shape)
-                parts[name] = self.distributions[name].normal_at(value)
+                parts[name] = self.distributions[name].normal_at_value(value)
             else:
                 parts[name] = jnp.zeros(shape)
         z, factor = join_by_name(self.layout, parts), self.factor()

@@ -29,7 +29,7 @@ _EQUAL_PART = 0.1  # of the samples, shared out to all design points alike
 
 
 @pytree
-class Sampling:
+class SamplingResult:
     """Result of `importance_sampling`: a probability with its error, and the analyses that failed.
 
     A sample is a violation if any limit state is negative. Where none is, and one is NaN, the
@@ -83,7 +83,7 @@ def importance_sampling(
     args: tuple[Any, ...] = (),
     chunk: int | None = None,
     devices: Sequence[jax.Device] | None = None,
-) -> Sampling:
+) -> SamplingResult:
     """Estimate the probability that any limit state is violated, by random samples.
 
     With a `center` samples are normal around all its design points (Melchers 1989): a mixture, if
@@ -104,8 +104,9 @@ def importance_sampling(
         chunk, devices: as for `batched`, which evaluates the limit state.
 
     Returns:
-        `Sampling`. Its standard error says how far off the estimate may be only if samples have met
-        all regions that matter: add design points, or compare with the crude method.
+        `SamplingResult`. Its standard error says how far off the estimate may be only if
+        samples have met all regions that matter: add design points, or compare with the crude
+        method.
 
     Raises:
         ValueError: a center that has not converged or is for other quantities, a number of samples
@@ -155,11 +156,11 @@ def importance_sampling(
         )
         rows = np.flatnonzero(unknown)[: _LISTED - sum(len(part[0]) for part in unknown_values)]
         unknown_values.append([np.asarray(values[name])[rows] for name, _ in quantities.layout])
-    return _make_sampling(sums, samples, quantities, unknown_values)
+    return _make_sampling_result(sums, samples, quantities, unknown_values)
 
 
-def _make_sampling(sums, samples, quantities, unknown_values):
-    """Return the `Sampling` from sums over all samples.
+def _make_sampling_result(sums, samples, quantities, unknown_values):
+    """Return the `SamplingResult` from sums over all samples.
 
     Args:
         sums: for each event the sum of weights, that of their squares, and the count,
@@ -176,7 +177,7 @@ def _make_sampling(sums, samples, quantities, unknown_values):
     n_limit = (len(counts) - 3) // 2
     each, nothing = mean[3 : 3 + n_limit], counts[3 + n_limit :] == 0
     parts = [np.concatenate(arrays) for arrays in zip(*unknown_values, strict=True)]
-    return Sampling(
+    return SamplingResult(
         probability=np.nan if n_unknown else high,
         standard_error=float(error),
         variation=float(error / high) if counts[1] else np.nan,
@@ -226,7 +227,7 @@ def _draw_samples(quantities, key, number, centers, shares, spread, *, count, ge
     squares = jnp.sum(((u[:, None] - centers[None]) / spread) ** 2, axis=-1)
     logs = jnp.log(shares)[None] - 0.5 * squares - quantities.size * jnp.log(spread)
     weight = jnp.exp(-0.5 * jnp.sum(u**2, axis=1) - logsumexp(logs, axis=1))
-    return jax.vmap(quantities.values_at)(u), weight
+    return jax.vmap(quantities.values_at_normals)(u), weight
 
 
 def _limit_states(limit_state, args, values):

@@ -21,7 +21,7 @@ _SHORTEST = 2.0**-20  # step, of the full one
 _APART = 0.05  # least distance of two design points, over that from the origin (at least 1)
 
 
-class Point(NamedTuple):
+class SearchPoint(NamedTuple):
     """A point in standard normal space, with what is known there.
 
     Also of traced arrays, except for comparisons.
@@ -74,7 +74,7 @@ class Point(NamedTuple):
         """Return whether the limit state decreases in the direction away from the origin."""
         return bool(self.gradient @ self.u < 0)
 
-    def is_near(self, others: Sequence[Point]) -> bool:
+    def is_near(self, others: Sequence[SearchPoint]) -> bool:
         """Return whether a point is the same design point as one of others.
 
         It is if their distance is below 5 % of that from the origin (at least 1).
@@ -91,24 +91,24 @@ class SearchEnd(NamedTuple):
         iterations, evaluations: accepted steps, and evaluations with that of the start.
     """
 
-    point: Point
+    point: SearchPoint
     code: int
     iterations: int
     evaluations: int
 
 
 def search_from(
-    evaluate: Callable[[Float[np.ndarray, " n"]], Point],
-    point: Point,
+    evaluate: Callable[[Float[np.ndarray, " n"]], SearchPoint],
+    point: SearchPoint,
     tol: float,
     steps: int,
     trials: float = np.inf,
-    known: Sequence[Point] = (),
+    known: Sequence[SearchPoint] = (),
 ) -> SearchEnd:
     """Search for a design point.
 
     Args:
-        evaluate: function of u to a `Point`.
+        evaluate: function of u to a `SearchPoint`.
         point: start.
         tol: tolerance of distance and misalignment, over the distance from the origin (at least 1).
         steps: largest number of accepted steps.
@@ -118,7 +118,7 @@ def search_from(
     iterations, evaluations, length = 0, 1, 1.0
     code = _status_at(point, iterations, steps, tol) if point.is_finite() else status.BAD_START
     while code is None and evaluations < trials:
-        trial = evaluate(point.u + length * _full_step(point))
+        trial = evaluate(point.u + length * _hlrf_step(point))
         evaluations += 1
         if not _is_accepted(trial, point, length, tol):
             length *= 0.5
@@ -144,7 +144,7 @@ def _status_at(point, iterations, steps, tol):
     return status.OUT_OF_STEPS if iterations == steps else None
 
 
-def _full_step(point):
+def _hlrf_step(point):
     """Return the step, [n], to the nearest point of the linearized limit state surface."""
     return point.beta() * point.alpha() - point.u
 
@@ -155,7 +155,7 @@ def _is_accepted(trial, point, length, tol):
     It must do so by a part of what the linearized limit state promises (Armijo); `tol` is the
     tolerance of the search.
     """
-    step = _full_step(point)
+    step = _hlrf_step(point)
     # of both ends: the origin needs one, and a larger one where the surface is met, as of the ratio
     # of goal and limit state, would forbid to go along a curved surface
     penalty = _PENALTY * max(point.radius(), _norm(point.u + step)) / point.slope()

@@ -67,7 +67,7 @@ def _correlation_of_normals(quantities, wanted):
     n = quantities.size
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     every = jnp.broadcast_to(jnp.asarray(nodes)[:, None], (_NODES, n))
-    x = join_by_name(quantities.layout, jax.vmap(quantities.values_of_normals)(every))
+    x = join_by_name(quantities.layout, jax.vmap(quantities.values_at_correlated)(every))
     polynomials = [np.ones(_NODES), nodes]
     for k in range(1, _TERMS):  # divided by sqrt(k!)
         following = nodes * polynomials[k] - np.sqrt(k) * polynomials[k - 1]

@@ -12,7 +12,7 @@ from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..design import utilization
 from ..elements import Beams
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..model.result_parts import present_elements, values_per_group
 from ..model.structure import Structure
 from .columns import concatenate_groups, element_columns, envelope_columns, states_heading
@@ -60,7 +60,7 @@ def axial_force_table(of: ReportedAnalysis) -> Table:
     notes = _strength_notes(structure, kept, rated, np.vstack([force, over]))
     if np.isnan(force).any():
         notes.append("no final force: the element is not active in the final state")
-    if any(isinstance(group, Sagging) for group in structure.groups):
+    if any(isinstance(group, Hanging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
     if any(isinstance(structure.groups[k], Beams) for k in kept):
         notes.append(

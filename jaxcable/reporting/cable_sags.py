@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.element_shapes import StateOrPhase
 from ..common.types import Float
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from ..results import horizontal_tensions, sags
@@ -32,7 +32,7 @@ def sag_tables(
     `chains` are node numbers of chains by name, as for `sags`, or None.
     """
     structure, chains = of.structure, chains or {}
-    kept = [k for k, group in enumerate(structure.groups) if isinstance(group, Sagging)]
+    kept = [k for k, group in enumerate(structure.groups) if isinstance(group, Hanging)]
     if not kept and not chains:
         return {}
     results = [of.state, *(state.result for state in of.envelope.values())]

@@ -20,7 +20,7 @@ def check_tables(checks: Checks) -> dict[str, Table]:
     """
     found = {"checks": _overview_table(checks)}
     for one in checks.results:
-        found[table_name(one.name, found)] = _table_of_check(checks, one)
+        found[table_name(one.name, found)] = _check_table(checks, one)
     return found
 
 
@@ -87,7 +87,7 @@ def _overview_table(checks):
     return make_table("Checks, largest utilization of each", columns)
 
 
-def _table_of_check(checks, result):
+def _check_table(checks, result):
     """Return the table of a `CheckResult`: a row for each item, the largest utilization first.
 
     Formula, source and input of the check are notes. `checks` are the `Checks` that it is part of,

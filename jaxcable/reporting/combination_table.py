@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.load_resultants import load_resultants
 from ..common.status import describe
 from ..common.types import Float
-from ..design.combination_rules import KindFactors
+from ..design.combination_rules import ActionKindFactors
 from ..design.combinations import Combinations
 from ..loads import as_list
 from ..model.result_parts import present_elements
@@ -81,7 +81,7 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
     """
     actions = combinations.actions
     by_kind = {factors.kind: factors for factors in combinations.kind_factors}
-    own = [by_kind.get(one.kind, KindFactors(one.kind, *(None,) * 4)) for one in actions]
+    own = [by_kind.get(one.kind, ActionKindFactors(one.kind, *(None,) * 4)) for one in actions]
     texts = describe_actions(actions, of.structure, of.units)
     loads = [as_list(one.loads) for one in actions]
     present = present_elements(of.structure, of.state.present)
@@ -100,7 +100,7 @@ def action_table(combinations: Combinations, of: ReportedAnalysis) -> Table:
         rows,
         *("action", "kind", ("acts", "", "what acts")),
         *((f"sum F{axis}", "N") for axis in "xyz"),
-        *((name, "-") for name in KindFactors._fields[1:]),
+        *((name, "-") for name in ActionKindFactors._fields[1:]),
         *("in phases", ("together", "", "acts together")),
     )
     notes = ["characteristic values, which the factors of the combinations multiply", SUM_OF_LOADS]
@@ -145,6 +145,6 @@ def combination_sentences(
     if len(states) > 1:
         lines.append(
             f"envelopes are over all limit states together ({', '.join(states)}): make a report of "
-            "each (Combinations.of_limit_state); checks count those of their own"
+            "each (Combinations.select_limit_states); checks count those of their own"
         )
     return lines

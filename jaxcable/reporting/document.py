@@ -26,7 +26,7 @@ _MINUS = "\N{MINUS SIGN}"
 
 
 class Heading(NamedTuple):
-    """What the user states of a document: title, author, date, and more; None or "" for none."""
+    """Title block of a document: title, author, date and details; None or "" for none."""
 
     title: str | None = None
     author: str | None = None

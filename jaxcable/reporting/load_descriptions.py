@@ -14,13 +14,13 @@ from ..common.tree import index_field
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..common.units import SI, Units
 from ..design.actions import Action
-from ..elements.abilities import STATEMENTS
+from ..elements.abilities import PHASE_INPUTS
 from ..files.codec import TYPES, user_fields
 from ..files.field_docs import field_units
 from ..loads import Varying, WindLoads, as_list
 from ..loads.faces import OnFaces
 from ..loads.groups import OnGroups
-from ..loads.load import Load, Moving, OnNodes
+from ..loads.load import Load, OnNodes, PrescribedMovement
 from ..model.structure import Structure
 from ..programs.traced_function import evaluate_at_once
 
@@ -56,7 +56,7 @@ def _describe_action(action, structure, units, first):
     for name in ("temperature", "shortening"):
         values = [np.ravel(np.asarray(x, float)) for x in jax.tree.leaves(getattr(action, name))]
         if values:
-            unit = STATEMENTS[name].unit
+            unit = PHASE_INPUTS[name].unit
             where = getattr(action, name)
             where = f" on {', '.join(map(str, where))}" if isinstance(where, dict) else ""
             parts.append(f"{name} {range_with_unit(np.concatenate(values), unit, units)}{where}")
@@ -101,7 +101,7 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
         described += f" ({elements_text(load.elements.elements)})"
     if (per := vars(load).get("per")) is not None:
         described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
-    if isinstance(load, Moving) and (nodes := index_field(load, "nodes")) is not None:
+    if isinstance(load, PrescribedMovement) and (nodes := index_field(load, "nodes")) is not None:
         described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"
     return "; ".join([described, ", ".join(map(" ".join, numbers))]).removesuffix("; ")
 

@@ -14,7 +14,7 @@ from ..analysis.phases import Phase
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float
 from ..common.units import Units
-from ..elements import Bearings, Springs
+from ..elements import GroundContacts, Springs
 from ..elements.beam_element import BeamElement
 from ..elements.element import Element
 from ..elements.straight import Straight
@@ -23,7 +23,7 @@ from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
 from .load_descriptions import SUM_OF_LOADS, range_with_unit
-from .phase_descriptions import describe_activation, describe_loads, describe_statements
+from .phase_descriptions import describe_activation, describe_loads, describe_phase_inputs
 from .table import Column, Table, columns_of_rows, make_table
 
 _FREEDOMS = "x", "y", "z", "rx", "ry", "rz"
@@ -105,7 +105,7 @@ def property_table(structure: Structure, units: Units | None) -> Table:
     """
     rows: list[list[Any]] = []
     for label, group in named_groups_of(structure):
-        values = _properties_of(group)
+        values = _group_properties(group)
         also = _further_properties(group, units)
         changes = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
         starts = [0, *(np.flatnonzero(changes.any(axis=1)) + 1).tolist(), len(values)]
@@ -118,7 +118,7 @@ def property_table(structure: Structure, units: Units | None) -> Table:
     return make_table("Properties of elements", columns, notes)
 
 
-def _properties_of(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
+def _group_properties(group: Element) -> Float[np.ndarray, "n_elem n_property"]:
     """Return the properties of each element, [n_elem, n_property], SI; NaN where a group has none.
 
     They are those of `_STIFFNESSES`, at zero strain, then of `_PROPERTIES`. Weights of faces, per
@@ -167,13 +167,13 @@ def _further_properties(group, units):
         parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
-    if isinstance(spring := group, Springs | Bearings):
+    if isinstance(spring := group, Springs | GroundContacts):
         parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
 
 
 def _phase_table(structure, phases, names, units):
-    """Return the table of phases: a row for each statement, load, new supports, and activation.
+    """Return the table of phases: a row for each input, load, new supports, and activation.
 
     `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
     """
@@ -181,7 +181,7 @@ def _phase_table(structure, phases, names, units):
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
         lines: list[tuple[Any, ...]] = [("increments", str(phase.increments))]
-        lines += [("states", text) for text in describe_statements(phase, structure, units)]
+        lines += [("states", text) for text in describe_phase_inputs(phase, structure, units)]
         present = [np.ones(len(one.links), bool) for one in structure.groups]
         if presence is not None:
             present = [np.asarray(own[k]) for own in presence.present]

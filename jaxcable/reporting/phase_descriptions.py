@@ -7,28 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..analysis.activation import Activation
-from ..analysis.phases import Phase, all_statements
+from ..analysis.phases import Phase, all_phase_inputs
 from ..common.types import Int
 from ..common.units import Units
-from ..elements.abilities import STATEMENTS, Sagging, statements_of
-from ..elements.statement import StatedValues
+from ..elements.abilities import PHASE_INPUTS, Hanging, accepted_inputs
+from ..elements.phase_input import InputValues
 from ..loads import as_list
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from .load_descriptions import describe_load, elements_text, range_with_unit
 
 
-def describe_statements(
+def describe_phase_inputs(
     phase: Phase, structure: Structure, units: Units | None, *, name_others: bool = False
 ) -> list[str]:
     """Return the prestress and other values that a phase states, a line each: values by group.
 
     Groups without values are named, too, if `name_others`. Numbers are in `units`, None for SI.
     """
-    stated = phase.statements(structure)
-    hangs = any(isinstance(group, Sagging) for group in structure.groups)
+    stated = phase.inputs(structure)
+    hangs = any(isinstance(group, Hanging) for group in structure.groups)
     lines = []
-    for name in all_statements(phase):
+    for name in all_phase_inputs(phase):
         jacked = hangs and name in ("end_tension", "jacking")
         place = f" (of catenaries at the {phase.tension_at} end)" if jacked else ""
         values = [of.get(name) for of in stated]
@@ -74,16 +74,16 @@ def _chosen_elements_text(label: str, elements: Int[np.ndarray, " n"], count: in
 
 
 def _describe_values(
-    name: str, statements: Sequence[StatedValues | None], structure: Structure, units: Units | None
+    name: str, inputs: Sequence[InputValues | None], structure: Structure, units: Units | None
 ) -> tuple[list[str], list[str]]:
-    """Return texts on the values of a statement such as "pretension", and on groups without any.
+    """Return texts on the values of an input such as "pretension", and on groups without any.
 
-    `statements` has the stated values of each group, or None. Both results are lists.
+    `inputs` has the stated values of each group, or None. Both results are lists.
     """
     parts: dict[str, list[str]] = {}
     without, cold = [], []
-    for (label, group), stated in zip(named_groups_of(structure), statements, strict=True):
-        if stated is None and name not in STATEMENTS and name not in statements_of(group):
+    for (label, group), stated in zip(named_groups_of(structure), inputs, strict=True):
+        if stated is None and name not in PHASE_INPUTS and name not in accepted_inputs(group):
             continue  # only groups of one class may know it
         if stated is None:
             lacks = name == "temperature" and group.expansion is None
@@ -93,10 +93,10 @@ def _describe_values(
         meant = np.arange(len(values))
         if stated.chosen is not None:
             meant = np.flatnonzero(stated.chosen)
-        unit = statements_of(group)[name].unit
+        unit = accepted_inputs(group)[name].unit
         text = range_with_unit(values[meant], unit, units).removesuffix(" -")
         parts.setdefault(text, []).append(_chosen_elements_text(label, meant, len(values)))
-    single = len(statements) == 1
+    single = len(inputs) == 1
     described = [
         text if single and names == ["all elements"] else f"{text} on {', '.join(names)}"
         for text, names in parts.items()

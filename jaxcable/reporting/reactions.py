@@ -93,7 +93,7 @@ class _Reactions(NamedTuple):
         return (np.abs(self.values) > _rounding_limits(self.values)).any(axis=0)
 
 
-def _reactions_of(structure: Structure, states: Sequence[EnvelopeState]) -> _Reactions:
+def _reactions_in_states(structure: Structure, states: Sequence[EnvelopeState]) -> _Reactions:
     """Return the `_Reactions` in some states, of `supported_components` and springs."""
     ever, values = np.zeros(structure.n_node, bool), []
     for result, fixed in states:
@@ -150,7 +150,7 @@ def reaction_table(of: ReportedAnalysis) -> Table:
     springs and bearings on the ground. A component in a direction that is not supported in the
     final state has no value.
     """
-    every = _reactions_of(of.structure, [of.end, *of.envelope.values()])
+    every = _reactions_in_states(of.structure, [of.end, *of.envelope.values()])
     final, names = every.values[0], list(of.envelope)
     # a component is NaN where nothing holds a node: it adds nothing to the size
     sizes = np.linalg.norm(np.nan_to_num(every.values[..., :3]), axis=-1)
@@ -190,7 +190,7 @@ def reaction_envelope_table(of: ReportedAnalysis) -> dict[str, Table]:
     """
     if of.cases is None or len(of.cases) < 2:
         return {}
-    every = _reactions_of(of.structure, list(of.envelope.values()))
+    every = _reactions_in_states(of.structure, list(of.envelope.values()))
     # where nothing is left at a support, as after the loss of a cable, its reaction is zero
     known = np.isfinite(every.values).any(axis=0)
     every = every._replace(values=np.where(known, np.nan_to_num(every.values), np.nan))
@@ -219,7 +219,7 @@ def reaction_envelope_table(of: ReportedAnalysis) -> dict[str, Table]:
 
 def reactions_by_phase_table(structure: Structure, phases: Mapping[str, EnvelopeState]) -> Table:
     """Return the table of reactions at the end of each phase by name, with their sums."""
-    every = _reactions_of(structure, list(phases.values()))
+    every = _reactions_in_states(structure, list(phases.values()))
     total = np.full((len(phases), 1, 6), np.nan)  # moments about different places have no sum
     total[:, 0, :3] = [total_reaction(structure, end.result) for end in phases.values()]
     pairs = zip(every.nodes.tolist(), every.names, strict=True)

@@ -30,7 +30,7 @@ class EnvelopeState(NamedTuple):
 
 
 class ReportedAnalysis(NamedTuple):
-    """What the tables of a report are on.
+    """Solution, states and cases from which the tables of a report are made.
 
     Attributes:
         structure, solution: of the analysis.
@@ -61,7 +61,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def every(self) -> Mapping[str, EnvelopeState]:
-        """The states of the envelope, and the final one if it is none of them, as "end"."""
+        """States of the envelope by name, and the final one as "end" if it is none of them."""
         is_last_phase = self.cases is None and int(self.solution.status) == status.OK
         return self.envelope if is_last_phase else {"end": self.end, **self.envelope}
 
@@ -72,7 +72,7 @@ class ReportedAnalysis(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """What the states of the envelope are: "phase" or "case"."""
+        """Kind of the states of the envelope: "phase" or "case"."""
         return "phase" if self.cases is None else "case"
 
     @property

@@ -9,8 +9,8 @@ import numpy as np
 from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.result_parts import named_groups_of, present_elements
-from ..model.spins import describe_free_spins
 from ..model.structure import Structure
+from ..model.torsional_mechanisms import describe_torsional_mechanisms
 
 _TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
 
@@ -42,8 +42,8 @@ def summary_sentences(
         first = next(h for h, p in zip(heads, solution.phases, strict=True) if int(p.status) != 0)
         return [*lines, f"FAILED: no results: {first} did not converge in its first increment"]
     last = solution.last
-    spins = describe_free_spins(structure, last.fixed[int(last.phase) + 1])
-    lines += [f"NOT HELD, though counted as stable: {sentence}" for sentence, _ in spins]
+    mechanisms = describe_torsional_mechanisms(structure, last.fixed[int(last.phase) + 1])
+    lines += [f"NOT HELD, though counted as stable: {sentence}" for sentence, _ in mechanisms]
     if code != status.OK:
         lines.append(
             "FAILED: what follows is the last converged state, "

@@ -13,16 +13,16 @@ import numpy as np
 from ..analysis.element_shapes import (
     ElementShapes,
     StateOrPhase,
+    element_shapes,
     map_shapes,
     results_of_state,
-    shapes_of_groups,
     straight_shapes,
 )
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..elements.abilities import Sagging
-from ..loads.groups import group_numbers
+from ..elements.abilities import Hanging
+from ..loads.groups import indices_of_groups
 from ..model.structure import Structure
 from ..numerics import scaled
 from ..numerics.roots import bracketed_root
@@ -118,21 +118,21 @@ def sags(
                 f'{{"main": [0, 1, 2]}}, got {type(chains).__name__}'
             )
         positions = results_of_state(structure, state).positions
-        every = shapes_of_groups(structure, state)
+        every = element_shapes(structure, state)
         return {
             name: _chain_sag(_chain_shapes(structure, positions, every, name, nodes))
             for name, nodes in chains.items()
         }
-    if not any(isinstance(group, Sagging) for group in structure.groups):
+    if not any(isinstance(group, Hanging) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; for the sag of a chain of other elements give "
             'chains={"name": nodes}'
         )
     found: list[Any] = []
     for group, (shapes, there) in zip(
-        structure.groups, shapes_of_groups(structure, state), strict=True
+        structure.groups, element_shapes(structure, state), strict=True
     ):
-        if not isinstance(group, Sagging):
+        if not isinstance(group, Hanging):
             found.append(None)
             continue
         own = map_shapes(_element_sag, shapes)
@@ -173,7 +173,7 @@ def horizontal_tensions(
     """
     found: list[Any] = []
     forces = structure.group_tree.flatten_up_to(results_of_state(structure, state).tension)
-    every = shapes_of_groups(structure, state)
+    every = element_shapes(structure, state)
     for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
         if force is None or group.links.shape[1] != 2:
             found.append(None)
@@ -212,7 +212,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
         >>> jc.results.nodes_along(structure, [0, 1, 2])
         [0, 1, 2, 3]
     """
-    numbers = group_numbers(on, structure)
+    numbers = indices_of_groups(on, structure)
     if len(numbers) != 1:
         raise ValueError(f"on = {on!r}: means {len(numbers)} groups; give the key of one group")
     owner = structure.groups[numbers[0]]
@@ -251,7 +251,7 @@ def _nan_where_inactive(there, values):
 def _chain_shapes(structure, positions, every, name, nodes):
     """Return the `ElementShapes` of a chain, one segment for each pair of nodes on the first axis.
 
-    `positions` are those of all nodes, `every` is from `shapes_of_groups`, `nodes` are the
+    `positions` are those of all nodes, `every` is from `element_shapes`, `nodes` are the
     chain's.
     """
     nodes = checks.as_indices(nodes, f"chains[{name!r}]")
@@ -261,7 +261,7 @@ def _chain_shapes(structure, positions, every, name, nodes):
     positions, segments = jnp.asarray(positions), []
     # catenaries last: where they join nodes that another element joins, too, they count
     groups = sorted(
-        zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], Sagging)
+        zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], Hanging)
     )
     joined = [(group, _elements_by_pair(group), *own) for group, own in groups]
     for a, b in itertools.pairwise(nodes.tolist()):
@@ -272,7 +272,7 @@ def _chain_shapes(structure, positions, every, name, nodes):
         for group, pairs, shapes, there in joined:
             for k, backward in pairs.get((a, b), ()):
                 one = straight
-                if isinstance(group, Sagging):
+                if isinstance(group, Hanging):
                     axis = shapes.rest_length.ndim - 1
                     one = jax.tree.map(lambda x, k=k, axis=axis: jnp.take(x, k, axis), shapes)
                     one = one.reversed() if backward else one
@@ -296,7 +296,7 @@ def _elements_by_pair(group):
 def _nodes_in_order(group):
     """Return the nodes along the elements of a group, or around its faces, [n_elem, n]."""
     links = group.links.array
-    if isinstance(group, Sagging):
+    if isinstance(group, Hanging):
         return links[:, [0, -1]]
     if group.outline is not None:
         return links[:, list(group.outline)]
@@ -370,7 +370,7 @@ def _largest_deflection(segments, begin, chord):
         def nearness(point):
             return -scalar_product(across(point), across(point))
 
-        parts = jax.vmap(lambda one: one.lowest_part_of(nearness))(segments)
+        parts = jax.vmap(lambda one: one.argmin_along(nearness))(segments)
         points = jax.vmap(lambda one, part: one.point(part))(segments, parts)
         place = points[jnp.argmin(jax.lax.stop_gradient(jax.vmap(nearness)(points)))]
     return scaled.safe_norm(across(place)), place  # zero of straight lines

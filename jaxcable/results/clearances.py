@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.element_shapes import StateOrPhase, map_shapes, shapes_of_groups
+from ..analysis.element_shapes import StateOrPhase, element_shapes, map_shapes
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..loads.groups import Key, group_numbers
+from ..loads.groups import Key, indices_of_groups
 from ..model.structure import Structure
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
@@ -229,12 +229,12 @@ def _clearance(structure, state, on, function, *others):
             distance, m, and the point where it is, [3].
         others: arrays that are the same for all elements.
     """
-    chosen = group_numbers(on, structure)
+    chosen = indices_of_groups(on, structure)
     if not chosen:
         raise ValueError(f"on = {on!r}: means no group of the structure")
     distances, places = [None] * len(structure.groups), [None] * len(structure.groups)
     rows: list[Any] = []
-    every = shapes_of_groups(structure, state)
+    every = element_shapes(structure, state)
     for number in chosen:
         shapes, there = every[number]
         distance, place = map_shapes(function, shapes, *others)
@@ -371,7 +371,7 @@ def _nearest_to_line(shape, begin, step):
             across = apart - at * step
             return scalar_product(across, across)
 
-        place = shape.point(shape.lowest_part_of(square))
+        place = shape.point(shape.argmin_along(square))
         return jnp.sqrt(square(place)), place
 
     distances, places = jax.vmap(of_piece)(begin, step)

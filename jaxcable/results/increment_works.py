@@ -22,7 +22,7 @@ from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..programs.program_calls import as_program
-from ..spaces import space_of
+from ..spaces import space_class
 
 # Part of the largest load in the phase that stands for no load: it has a direction. Its own work is
 # a millionth of that of the load.
@@ -74,7 +74,7 @@ def _work_terms_of_phase(ramp, codes, path):
     `codes` and `path` are status codes and displacements of its increments. The end is the stored
     energy, J, and the `RestartState`.
     """
-    begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
+    begin, n_inc, space = ramp.start.motion, len(codes), space_class(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
@@ -289,7 +289,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
     """
     states, along = points.states[k], points.element_loads[k]
 
-    def of_increment(indices):
+    def for_increment(indices):
         from_length, from_motion, from_memory = indices
         state, load = (
             _entry_of_all_arrays(states, from_length),
@@ -299,7 +299,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
         state = state if load is None else _with_element_loads(state, load)
         return _group_energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
-    return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
+    return lax.map(for_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
 
 
 def _entry_of_all_arrays(tree, k):

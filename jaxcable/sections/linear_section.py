@@ -39,10 +39,10 @@ class SectionStiffness:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
+        """Linear law of an area of 1 m2 that has the axial stiffness EA; a tuple of one."""
         return (Elastic(self.matrix[0, 0]),)
 
-    def axial(self) -> tuple[Float[Array, ""], Law]:
+    def uniaxial(self) -> tuple[Float[Array, ""], Law]:
         """Return an area of 1 m2, and the linear law that over it has the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
@@ -126,10 +126,10 @@ class LinearSection:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
+        """Linear law of an area of 1 m2 that has the axial stiffness EA; a tuple of one."""
         return (Elastic(self.EA),)
 
-    def axial(self) -> tuple[Float[Array, ""], Law]:
+    def uniaxial(self) -> tuple[Float[Array, ""], Law]:
         """Return an area of 1 m2, and the linear law that over it has the axial stiffness."""
         return jnp.ones_like(jnp.asarray(self.EA)), *self.laws
 

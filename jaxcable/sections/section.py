@@ -141,7 +141,7 @@ class Section(Fibres):
     inertia = geometry.inertia
     torsional_stiffness = geometry.torsional_stiffness
 
-    def axial(self) -> tuple[Float[Array, ""], Law]:
+    def uniaxial(self) -> tuple[Float[Array, ""], Law]:
         """Return the area, m2, and the law of its mean stress, as bars and cables need them.
 
         All fibres have the same strain. Axial force is area times stress; of several laws the
@@ -149,7 +149,7 @@ class Section(Fibres):
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
-            >>> area, law = section.axial()
+            >>> area, law = section.uniaxial()
             >>> print(f"{1e6 * area:.1f} mm2, {law.modulus / 1e9:.0f} GPa")
             1963.5 mm2, 210 GPa
         """

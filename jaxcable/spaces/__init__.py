@@ -13,9 +13,9 @@ from .rotating_nodes import RotatingNodes
 from .space import ElementGroup, Space
 from .translations import Translations
 
-__all__ = ["RotatingNodes", "Space", "Translations", "space_of"]
+__all__ = ["RotatingNodes", "Space", "Translations", "space_class"]
 
 
-def space_of(groups: Iterable[ElementGroup]) -> type[Space]:
+def space_class(groups: Iterable[ElementGroup]) -> type[Space]:
     """Return the class of `Space` that these element groups need: with rotations, or without."""
     return RotatingNodes if any(group.rotates for group in groups) else Translations

@@ -24,7 +24,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 RigidLinks: TypeAlias = 'tuple[Int[ArrayLike, " n"], Int[ArrayLike, " n"]]'
 """Rigid links: carried (dependent) nodes, and their carriers (reference nodes)."""
-FreeSpins: TypeAlias = (
+TorsionalMechanisms: TypeAlias = (
     'tuple[Int[ArrayLike, " m"], Int[ArrayLike, " m"], Int[ArrayLike, "n_piece 2"]]'
 )
 """Straight pieces of beams that can spin about their own line without stiffness: the rows that
@@ -35,7 +35,7 @@ _DENSE_MATRICES = 4
 
 
 class MotionRows:
-    """What has a motion of its own: nodes, then further rows such as hinged ends of beams.
+    """Rows of motion: nodes, then what moves on its own, such as hinged ends of beams.
 
     Hashable, for caches.
 
@@ -86,7 +86,7 @@ class DofMap:
         rigid_links: (carried nodes, their carriers), [n] each, or None.
         temporarily_fixed: True for unknowns that are fixed in this phase and free in another one,
             [n_free] bool, or None; they do not move.
-        free_spins: beams that can spin about their own line without stiffness, see `FreeSpins`, or
+        torsional_mechanisms: beams that can rotate about their own line without stiffness, or
             None.
         pattern: sparsity pattern of matrices; None if they are dense.
         nodal_assembly: assembly map that sums the end forces of all elements at every row; None to
@@ -108,7 +108,7 @@ class DofMap:
     inner: Bool[ArrayLike, " n_row"] | None = None
     rigid_links: RigidLinks | None = None
     pattern: linear.Pattern | None = None
-    free_spins: FreeSpins | None = None
+    torsional_mechanisms: TorsionalMechanisms | None = None
     temporarily_fixed: Bool[ArrayLike, " n_free"] | None = None
     nodal_assembly: linear.AssemblyMap | None = None
     unknown_assembly: linear.AssemblyMap | None = None
@@ -153,7 +153,7 @@ class DofMap:
                 "free",
                 "unknown_of_dof",
                 "pattern",
-                "free_spins",
+                "torsional_mechanisms",
                 "temporarily_fixed",
                 "unknown_assembly",
             )
@@ -234,7 +234,7 @@ def make_dof_map(
     Raises:
         ValueError: a dense matrix, asked for by `solver`, does not fit into memory.
     """
-    mask, spins = fixed.array.copy(), fixed.spins
+    mask, mechanisms = fixed.array.copy(), fixed.mechanisms
     carried = None
     if rows is not None:
         shared = (np.arange(len(mask)) != rows.node_of_row) & ~rows.inner
@@ -271,7 +271,7 @@ def make_dof_map(
         rows.inner if rows is not None and rows.inner.any() else None,
         None if carried is None else tuple(map(unsigned_indices, carried)),
         pattern,
-        None if spins is None else (spins.rows, spins.piece, spins.ends),
+        None if mechanisms is None else (mechanisms.rows, mechanisms.piece, mechanisms.ends),
     )
 
 

@@ -78,7 +78,7 @@ class RotatingNodes(Space):
     symmetric = False  # nodal moments have no potential
 
     @classmethod
-    def of(
+    def build(
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],
@@ -366,15 +366,15 @@ class RotatingNodes(Space):
             change = jnp.einsum("nai,nij,nbj->nab", axes, change, axes)
         return [(change / self.rotation_length**2, self.dof_map.unknown_of_dof[:, 3:])]
 
-    def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
+    def stabilize_torsional_mechanisms(self, matrix: Matrix, x: Motion) -> Matrix:
         """Return the tangent with a spring at each beam that can spin without stiffness.
 
         The spring acts on one unknown that a spin z with ``K z = 0`` moves. For loads that do no
         work on z the solutions are those of K in which this unknown is zero.
         """
-        if self.dof_map.free_spins is None:
+        if self.dof_map.torsional_mechanisms is None:
             return matrix
-        rows, piece, ends = self.dof_map.free_spins
+        rows, piece, ends = self.dof_map.torsional_mechanisms
         number = self.dof_map.unknown_of_dof[rows, 3:]
         lines = self.nodes[ends[:, 1]] - self.nodes[ends[:, 0]]
         lines = lines / jnp.linalg.norm(lines, axis=1, keepdims=True)

@@ -36,7 +36,7 @@ Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | SparseMatrix'
 
 
 class ElementGroup(Protocol):
-    """What a space needs to know of a group of elements: links, rotations of nodes, lengths."""
+    """Protocol of a group of elements in a space: links, rotations of nodes, lengths."""
 
     links: Int[ArrayLike, "n_elem n_end"]
     rotates: bool
@@ -77,7 +77,7 @@ class Space(abc.ABC):
 
     @classmethod
     @abc.abstractmethod
-    def of(
+    def build(
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],
@@ -303,7 +303,7 @@ class Space(abc.ABC):
         """
         return []
 
-    def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
+    def stabilize_torsional_mechanisms(self, matrix: Matrix, x: Motion) -> Matrix:
         """Return the tangent with springs at beams that can spin about their own line.
 
         Such spins have no stiffness, and results do not depend on them.

@@ -56,7 +56,7 @@ class Translations(Space):
     """Space of nodes without rotations: the motion of a node is its displacement, m."""
 
     @classmethod
-    def of(
+    def build(
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],

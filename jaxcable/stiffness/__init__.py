@@ -3,7 +3,7 @@
 from .buckling import Buckling, buckling_factor
 from .flexibility import flexibility
 from .imperfections import Modes, imperfect, modes
-from .tangent import tangent_of
+from .tangent import tangent_stiffness
 from .vibration import STANDARD_GRAVITY, Vibration, natural_frequencies
 
 __all__ = [
@@ -16,5 +16,5 @@ __all__ = [
     "imperfect",
     "modes",
     "natural_frequencies",
-    "tangent_of",
+    "tangent_stiffness",
 ]

@@ -13,7 +13,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Sagging, is_one_sided
+from ..elements.abilities import Hanging, is_one_sided
 from ..elements.element import Element
 from ..linear import unbatched
 from ..mechanics.restart_state import initial_restart_state, make_system
@@ -105,8 +105,8 @@ def buckling_factor(
         n: number of factors; fewer if there are fewer unknowns.
 
     Options:
-        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`; default those held in
-            `state`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_stiffness`; default those
+            held in `state`.
 
     Returns:
         `Buckling`. A factor is inf where the loads stiffen the structure, or change its stiffness
@@ -153,7 +153,7 @@ def buckling_factor(
     without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
     require_dense_memory(dof_map, _DENSE_MATRICES, "buckling_factor")
     _refuse_follower_loads(without_indices[2], "state")
-    catenary = any(isinstance(group, Sagging) for group in structure.groups)
+    catenary = any(isinstance(group, Hanging) for group in structure.groups)
     if reference is None and catenary and without_indices[2].loads:
         raise ValueError(
             "reference: missing; loads change the stiffness of catenaries, so that there is no "

@@ -38,7 +38,7 @@ def flexibility(
         state: `Solution` (its last converged state is used) or `State`.
         nodes: node numbers, [n].
         axes: directions at each of the nodes, a string of "x", "y", "z".
-        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_stiffness`.
 
     Returns:
         [m, m], m/N, with m = n times the number of axes, node by node: entry (i, j) is the

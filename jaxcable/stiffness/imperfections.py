@@ -69,7 +69,7 @@ def modes(
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state is used) or `State`.
         n: number of modes; fewer if there are fewer unknowns.
-        fixed: degrees of freedom to leave out, as in `tangent_of`.
+        fixed: degrees of freedom to leave out, as in `tangent_stiffness`.
 
     Follower loads without a potential and nodal moments make the tangent unsymmetric: then an
     `InputWarning` is issued, and the modes are those of its symmetric part.

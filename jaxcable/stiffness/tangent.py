@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import linear
-from ..analysis.activation import inactive_dofs_of
+from ..analysis.activation import find_inactive_dofs
 from ..analysis.solution import Solution, State
 from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
@@ -26,7 +26,7 @@ _SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], RestartS
 _IndexArrays: TypeAlias = "list[np.ndarray]"
 
 
-def tangent_of(
+def tangent_stiffness(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
@@ -61,12 +61,12 @@ def tangent_of(
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> tangent = jc.stiffness.tangent_of(structure, solution)
+        >>> tangent = jc.stiffness.tangent_stiffness(structure, solution)
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
     at = split_solution_state(structure, state, fixed)
-    require_dense_memory(at[2], 2, "tangent_of")
+    require_dense_memory(at[2], 2, "tangent_stiffness")
     return tangent_matrix(*at)
 
 
@@ -111,7 +111,7 @@ def split_solution_state(
     """Split the state of a solution into what programs such as `tangent_matrix` take.
 
     Args:
-        structure, state, fixed: as for `tangent_of`.
+        structure, state, fixed: as for `tangent_stiffness`.
         unknowns: False for a numbering without unknowns, which does not depend on which elements
             are there: this can then be traced.
 
@@ -126,9 +126,9 @@ def split_solution_state(
     rows, groups = structure.motion_rows()
     held = state.fixed[-1] if fixed is not None else _fixed_dofs_in_phase_of(state)
     fixed = held if fixed is None else FixedDofs(np.asarray(fixed, bool), held.axes)
-    idle = inactive_dofs_of(structure, state.restart.states) if unknowns else None
+    idle = find_inactive_dofs(structure, state.restart.states) if unknowns else None
     if idle is not None:
-        fixed = FixedDofs(fixed.array | idle, fixed.axes, fixed.spins)
+        fixed = FixedDofs(fixed.array | idle, fixed.axes, fixed.mechanisms)
     if fixed.shape != state.fixed[-1].shape:
         raise ValueError(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"

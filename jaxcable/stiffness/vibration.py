@@ -16,7 +16,7 @@ from ..common import checks
 from ..common.rules import nan_if_broken, not_negative, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..linear import unbatched
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..mechanics.elementwise import evaluate_elements
@@ -112,7 +112,7 @@ def natural_frequencies(
         masses: added masses at the nodes, [n_node] or scalar, kg; or `PointMasses`, one or several
             in a list, such as those that were loads of the analysis; default none. Give 0.0 where
             nodal loads are no weights.
-        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_stiffness`.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
             displacements between the ends: m/3 and m/6 for straight cables and bars, cubic
@@ -151,7 +151,7 @@ def natural_frequencies(
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
     gravity = nan_if_broken(positive("gravity", gravity))
     if masses is not None:
-        masses = _masses_of_nodes(structure, masses)
+        masses = _nodal_masses(structure, masses)
     require_symmetric_elements(structure, "natural_frequencies")
     without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
     if masses is None:
@@ -174,7 +174,7 @@ def natural_frequencies(
         )
     if checks.array_if_known(has_mass) is not None and not has_mass:
         hint = ""
-        if any(isinstance(group, Sagging) for group in structure.groups):
+        if any(isinstance(group, Hanging) for group in structure.groups):
             hint = "; catenaries have no modes within their span: use a chain of Cables"
         raise ValueError(f"masses: no node that is free to move has mass{hint}")
     found = _without_massless_modes(_find_vibration_modes(matrices, n=min(n, len(matrices[0]))))
@@ -182,7 +182,7 @@ def natural_frequencies(
     return found
 
 
-def _masses_of_nodes(structure, masses):
+def _nodal_masses(structure, masses):
     """Return the argument `masses` of `natural_frequencies` as an array [n_node], kg."""
     several = masses if isinstance(masses, list | tuple) else [masses]
     if any(isinstance(one, PointMasses) for one in several):
@@ -190,7 +190,7 @@ def _masses_of_nodes(structure, masses):
             if not isinstance(one, PointMasses):
                 raise ValueError(f"masses[{k}]: expected PointMasses, got {type(one).__name__}")
             one.check(structure)
-        return sum(one.masses_of_nodes(structure.n_node) for one in several)
+        return sum(one.nodal_masses(structure.n_node) for one in several)
     hint = "; one mass for each node, one for all, or PointMasses"
     masses = checks.floats_of_shape(masses, "masses", (), (structure.n_node,), hint=hint)
     if checks.array_if_known(masses) is None:
@@ -254,14 +254,14 @@ def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravit
     `_modal_matrices`.
     """
     frequency = checks.array_if_known(found.frequency)
-    if frequency is None or not any(isinstance(group, Sagging) for group in structure.groups):
+    if frequency is None or not any(isinstance(group, Hanging) for group in structure.groups):
         return
     highest = np.nanmax(np.append(frequency, -np.inf))
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
         where = named[number][0]
-        if not isinstance(group, Sagging) or group.weight is None:
+        if not isinstance(group, Hanging) or group.weight is None:
             continue
         system = make_system(nodes, groups, restart, None, None)
         tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)

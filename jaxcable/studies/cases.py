@@ -75,16 +75,16 @@ class Cases:
     def digest(self) -> str:
         """Return a digest of the arrays that are stated, or of sixteen cases that are drawn."""
         if self.stated is not None:
-            return digest.of_arrays(self.stated)
+            return digest.arrays_digest(self.stated)
         few = min(self.n_case, _N_PROBED)
-        return digest.of_arrays(
+        return digest.arrays_digest(
             self.block(np.unique(np.linspace(0, self.n_case - 1, few).astype(int)))
         )
 
     def digest_of_code(self) -> str | None:
         """Return a digest of the function that draws the cases; None if `digest` covers all."""
         covered = self.stated is not None or self.n_case <= _N_PROBED
-        return None if covered else digest.of_host_function(self.draw)
+        return None if covered else digest.host_function_digest(self.draw)
 
 
 def _combinations_at(values, shape, numbers):

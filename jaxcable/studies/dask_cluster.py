@@ -23,7 +23,7 @@ from distributed import KilledWorker, get_worker
 
 from .cases import Block, Cases
 from .errors import ClusterLostError
-from .submission import Ended, Stop, as_ended
+from .submission import Ended, Stop, run_chunks
 from .task import ChunkTask, summarize_error
 
 _LARGE_CASES = 1 << 20  # bytes of stated cases that no worker needs all of
@@ -75,7 +75,7 @@ def compute_on_cluster(
         return _CHUNKS_OF_THREAD * sum(threads.values())
 
     def compute(numbers):
-        for k, future in as_ended(submit, numbers, stop, n_ahead, patience):
+        for k, future in run_chunks(submit, numbers, stop, n_ahead, patience):
             if future.status == "cancelled":
                 raise ClusterLostError(_LOST)
             # a result that has died with its worker has no exception: the chunk is in the store

@@ -55,7 +55,7 @@ class ChunkReport(NamedTuple):
         return self.chunk == 1
 
 
-def compute_missing(
+def compute_missing_chunks(
     store: ResultStore,
     task: ChunkTask,
     cases: Cases,
@@ -73,7 +73,7 @@ def compute_missing(
     n_before, begin = store.grid.n_chunk - len(missing), time.monotonic()
     n_done = n_case = n_failed = 0
     failures: dict[int, Exception] = {}
-    with _note_signals() as signals:
+    with _collect_signals() as signals:
 
         def stop():
             return bool(signals) or len(failures) >= _MOST_FAILURES
@@ -110,7 +110,7 @@ def compute_missing(
 
 
 @contextlib.contextmanager
-def _note_signals() -> Iterator[list[int]]:
+def _collect_signals() -> Iterator[list[int]]:
     """Collect SIGINT and SIGTERM in a list, the value of the context, instead of obeying the first.
 
     A second one is obeyed.

@@ -17,7 +17,7 @@ from ..common.progress import as_listener
 from ..common.types import Array, ArrayLike, PyTree
 from .cases import Cases, require_numbers, table
 from .grid import divide_into_chunks
-from .running import compute_missing
+from .running import compute_missing_chunks
 from .store import CAUSE, ResultStore, create_store, describe_arrays
 from .task import ChunkTask, Settings, shapes_of_chunk
 
@@ -166,7 +166,7 @@ def study(
     """
     checks.require_whole_number(chunk, "chunk")
     as_listener(progress)
-    settings = Settings.of_this_process()
+    settings = Settings.of_current_process()
     if not patience > 0:
         raise ValueError(f"patience = {patience!r}: expected a positive number of seconds")
     _require_package("zarr", "studies", "a study")
@@ -202,7 +202,7 @@ def study(
     opened = ResultStore(path)
     _require_same_study(opened, about)
     opened.set_units(units)
-    compute_missing(opened, task, cases, client, progress, patience)
+    compute_missing_chunks(opened, task, cases, client, progress, patience)
     return Study(path)
 
 
@@ -259,7 +259,7 @@ def _digest_of_values(values):
     """Return a digest of an array of numbers or texts; ValueError for others."""
     if values.dtype.kind != "U":
         require_numbers(values, "coords")
-    return digest.of_arrays(values)
+    return digest.arrays_digest(values)
 
 
 _HINTS = {

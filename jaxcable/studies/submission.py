@@ -33,11 +33,11 @@ def compute_in_threads(task: ChunkTask, numbers: Sequence[int], stop: Stop) -> E
     n_thread = usable_cores() if are_loops_fused() else 1
     with concurrent.futures.ThreadPoolExecutor(n_thread) as pool:
         for part in numbers[:1], numbers[1:]:  # the first chunk compiles for all
-            for k, future in as_ended(lambda k: pool.submit(task, k), part, stop, lambda: n_thread):
-                yield k, future.exception()
+            for k, done in run_chunks(lambda k: pool.submit(task, k), part, stop, lambda: n_thread):
+                yield k, done.exception()
 
 
-def as_ended(
+def run_chunks(
     submit: Callable[[int], Any],
     numbers: Iterable[int],
     stop: Stop,

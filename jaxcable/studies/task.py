@@ -48,7 +48,7 @@ class Settings:
     versions: tuple[str, str, str]
 
     @classmethod
-    def of_this_process(cls) -> Settings:
+    def of_current_process(cls) -> Settings:
         """Return the `Settings` that jax has in this process."""
         return cls(
             jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
@@ -72,7 +72,7 @@ class Settings:
             request_fused_loops()
         if self.fused and not has_xla_started():
             os.environ["NPROC"] = str(n_thread)  # what XLA asks for the size of its pool
-        here = Settings.of_this_process()
+        here = Settings.of_current_process()
         if (here.fused, here.versions) != (self.fused, self.versions):
             raise RuntimeError(
                 f"this worker has {here.versions}, `fuse_loops` {here.fused}, and the study "
@@ -143,7 +143,7 @@ class ChunkTask:
 
     def digest(self) -> str:
         """Return a digest of what the function computes, with all values that it captures."""
-        return digest.of_function(self.traced, self.shapes)
+        return digest.function_digest(self.traced, self.shapes)
 
     def require_same_study(self) -> None:
         """Raise RuntimeError if this process has another function, or draws other cases.

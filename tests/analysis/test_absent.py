@@ -1,4 +1,4 @@
-"""Statements and loads for elements that are not there: refused, a warning, or held until they act.
+"""Inputs and loads for elements that are not there: refused, a warning, or held until they act.
 
 Loads belong to nodes and elements: they act whenever these are there.
 """
@@ -19,7 +19,7 @@ from jaxcable.common import status
 GUIDE = jc.pinned([0]) + jc.restrained([1], "xy")
 PULL = jc.NodalLoads([1], (0.0, 0.0, -1e3))
 AWAY = jc.Phase(removes="b", loads=PULL)
-STATEMENTS = {
+PHASE_INPUTS = {
     "pretension": 500.0,
     "force_density": 250.0,
     "prestrain": 5e-4,
@@ -52,9 +52,9 @@ def said(structure, phases):
     return [str(one.message) for one in found]
 
 
-@pytest.mark.parametrize("name", STATEMENTS)
+@pytest.mark.parametrize("name", PHASE_INPUTS)
 def test_a_statement_that_names_what_is_not_there_is_refused(name):
-    value = STATEMENTS[name]
+    value = PHASE_INPUTS[name]
     structure, back = hangers(), jc.Phase(adds="b")
     for stated in (value, np.array([value])):
         with pytest.raises(ValueError, match=rf"^phases\[1\].{name}\['b'\]: no element of the gr"):

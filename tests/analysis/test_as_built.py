@@ -18,7 +18,7 @@ SPAN, WEIGHT = 100.0, 10.0  # m, N/m
 DOWN = np.array([0.0, 0.0, -1.0])
 WIND, ICE = np.array([1.0, 6.0, 0.0]), np.array([0.0, 0.0, -4.0])  # N/m
 
-# rise over span, statement, its value in units of w l (N) or l (m), EA in units of w l
+# rise over span, input, its value in units of w l (N) or l (m), EA in units of w l
 CASES = [
     (0.0, "end_tension", 12.0, 5e3),
     (1.0, "end_tension", 6.0, 5e3),
@@ -255,7 +255,7 @@ def test_a_tension_without_weight_is_that_of_a_straight_cable():
 
 
 def test_warnings_name_what_the_user_states():
-    """Each comes once, with the phase and the statement of the user, however often it is solved."""
+    """Each comes once, with the phase and the input of the user, however often it is solved."""
     cable = jc.Catenaries([[0, 1]], axial_stiffness=5e3, weight=WEIGHT)
     bar = jc.Bars([[1, 2]], axial_stiffness=1e5)
     nodes = [[0.0, 0, 0], [SPAN, 0, 0], [SPAN + 1.0, 0, 0]]

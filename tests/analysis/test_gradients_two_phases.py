@@ -77,8 +77,8 @@ def held(node, *axes):
     return jc.Supports(mask)
 
 
-def only(**statements):
-    return {**dict.fromkeys(GROUPS), **statements}
+def only(**inputs):
+    return {**dict.fromkeys(GROUPS), **inputs}
 
 
 def weighed(*parts):

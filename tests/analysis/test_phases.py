@@ -1,4 +1,4 @@
-"""What a phase means: prestress statements, jacking, supports, adding loads, continuing."""
+"""What a phase means: prestress inputs, jacking, supports, adding loads, continuing."""
 
 import jax
 import numpy as np
@@ -7,7 +7,7 @@ from banks.problems import assert_balanced
 from oracles.taylor import TIGHT
 
 import jaxcable as jc
-from jaxcable.analysis import statements
+from jaxcable.analysis import phase_inputs
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 3))
 EA = 97.97e3
@@ -68,7 +68,7 @@ def test_one_number_is_for_groups_that_take_it():
         ("pretension", [False, True, True]),
     ):
         assert [
-            statements._skips_single_number(group, name, structure) for group in structure.groups
+            phase_inputs._skips_single_number(group, name, structure) for group in structure.groups
         ] == expected
 
 

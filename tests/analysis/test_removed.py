@@ -38,14 +38,14 @@ def test_a_conductor_that_breaks_hangs_before(line):
     structure, phases, solution = line
     shapes = SolutionCurves(solution, structure)
     for k in (0, 1):
-        curves = shapes.of_state(shapes.state_after_phase(k))
+        curves = shapes.at_state(shapes.state_after_phase(k))
         count = curves.offsets.shape[1]
         assert curves.offsets[1, count // 2, 2] < -0.9 * SAG
     so_far = converged(jc.solve(structure, phases[:2]))
     expected = np.asarray(jc.forms.catenary_curves(structure, so_far, count)["conductor"])
     found = curves.points(np.asarray(solution.phases[1].positions))
     np.testing.assert_allclose(found, expected, atol=1e-6)  # of sags of metres
-    known = shapes.of_state(shapes.state_after_phase(2)).is_known
+    known = shapes.at_state(shapes.state_after_phase(2)).is_known
     assert not known[1] and known[[0, 2]].all()
 
 

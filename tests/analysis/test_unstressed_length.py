@@ -1,4 +1,4 @@
-"""Which length has weight and takes loads: under heat, jacks and statements one after the other."""
+"""Which length has weight and takes loads: under heat, jacks and inputs one after the other."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,7 +37,7 @@ def test_heat_keeps_mass():
         phase = jc.Phase(pretension=900.0, temperature=change)
         solution = converged(jc.solve(structure, phase))
         found = jc.stiffness.natural_frequencies(structure, solution, distribution="lumped")
-        stiffness = np.trace(jc.stiffness.tangent_of(structure, solution))
+        stiffness = np.trace(jc.stiffness.tangent_stiffness(structure, solution))
         # half of each cable swings with the node, by the length that 900 N left of its chord
         mass = 20.0 * 9.0 / (1 + 900.0 / 1e6) / 2 / 9.80665
         np.testing.assert_allclose(stiffness / np.sum(found.squared), mass, rtol=1e-12)

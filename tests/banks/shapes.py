@@ -172,5 +172,5 @@ def load_at_rest(load, structure):
     """Forces of a dead load on the nodes of a structure that nothing has happened to."""
     load.check(structure)
     groups, states, nodes = at_rest(structure)
-    load = merge_indices(*split_indices(load.with_group_numbers(structure)))
+    load = merge_indices(*split_indices(load.with_group_indices(structure)))
     return load.element_forces(groups, states, nodes, nodes.shape, float)

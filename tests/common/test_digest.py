@@ -20,7 +20,7 @@ from jaxcable.common import digest
 
 
 def of(function, *arguments):
-    return digest.of_function(function, *(arguments or (np.ones(3),)))
+    return digest.function_digest(function, *(arguments or (np.ones(3),)))
 
 
 def test_what_is_computed_counts_and_not_how_it_is_called():
@@ -242,13 +242,13 @@ def cases_of(monkeypatch, **changed):
 def test_everything_that_a_function_uses_counts(monkeypatch):
     """Every number in the module that it uses, and no other; nor does a call change anything."""
     function = cases_of(monkeypatch)
-    first = digest.of_host_function(function)
+    first = digest.host_function_digest(function)
     function(np.arange(3.0))
-    assert digest.of_host_function(function) == first
-    assert digest.of_host_function(cases_of(monkeypatch)) == first
+    assert digest.host_function_digest(function) == first
+    assert digest.host_function_digest(cases_of(monkeypatch)) == first
     found = {None: first}
     for value in VALUES:
-        found[value] = digest.of_host_function(cases_of(monkeypatch, **{value: 5}))
+        found[value] = digest.host_function_digest(cases_of(monkeypatch, **{value: 5}))
     assert found.pop("UNUSED") == first
     assert len(set(found.values())) == len(found)
 
@@ -257,7 +257,7 @@ def test_what_a_function_does_not_use_does_not_count():
     def defined(body, **names):
         space = {"__name__": NAME, "np": np, **names}
         exec(f"def cases(numbers):\n    {body}", space)
-        return digest.of_host_function(space["cases"])
+        return digest.host_function_digest(space["cases"])
 
     one, two = (
         "return SCALE * numbers.astype(float)",
@@ -274,7 +274,7 @@ def test_arrays_in_files_count_by_their_file(tmp_path):
         return lambda numbers: data[numbers]
 
     def mapped():
-        return digest.of_host_function(cases(np.load(tmp_path / "a.npy", mmap_mode="r")))
+        return digest.host_function_digest(cases(np.load(tmp_path / "a.npy", mmap_mode="r")))
 
     first = mapped()
     assert mapped() == first
@@ -288,10 +288,10 @@ def test_objects_without_an_end_are_named():
     for _ in range(100_000):
         nested = [nested]
     with pytest.raises(ValueError, match="nested too deeply"):
-        digest.of_host_function(lambda numbers: nested)
+        digest.host_function_digest(lambda numbers: nested)
     ring = []
     ring.append(ring)
-    assert digest.of_host_function(lambda numbers: ring)
+    assert digest.host_function_digest(lambda numbers: ring)
 
 
 def test_libraries_are_known_wherever_they_are_installed(tmp_path, monkeypatch):
@@ -306,7 +306,7 @@ def test_libraries_are_known_wherever_they_are_installed(tmp_path, monkeypatch):
         monkeypatch.delitem(sys.modules, "library_of_others", raising=False)
         scaled = importlib.import_module("library_of_others").scaled
         assert scaled(1.0) == factor
-        found.append(digest.of_host_function(lambda x, scaled=scaled: scaled(x)))
+        found.append(digest.host_function_digest(lambda x, scaled=scaled: scaled(x)))
     assert found[0] == found[1]
 
 
@@ -314,7 +314,7 @@ def test_a_function_may_use_the_class_of_jaxprs():
     def kind(x):
         return isinstance(x, ClosedJaxpr)
 
-    assert digest.of_host_function(kind)
+    assert digest.host_function_digest(kind)
 
 
 # --- no stale answer
@@ -370,5 +370,5 @@ def test_lines_and_comments_do_not_count():
     for k, text in enumerate(texts):
         space = {"__name__": NAME}
         exec(compile(text, f"file{k}", "exec"), space)
-        found.append(digest.of_host_function(space["f"]))
+        found.append(digest.host_function_digest(space["f"]))
     assert found[0] == found[1] != found[2]

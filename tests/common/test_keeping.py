@@ -51,9 +51,9 @@ PROCESS = """
     def host(x):
         return jax.pure_callback(lambda y: np.asarray(y) * 2.0, jax.ShapeDtypeStruct((), float), x)
     told["digests"] = [
-        digest.of_function(jc.batched(analysed, 4), np.ones(5)),
-        digest.of_function(host, 1.0),
-        digest.of_host_function(cases),
+        digest.function_digest(jc.batched(analysed, 4), np.ones(5)),
+        digest.function_digest(host, 1.0),
+        digest.host_function_digest(cases),
     ]
 
     # a program with a function of NumPy

@@ -68,7 +68,7 @@ def examples():
     axes = np.tile(np.eye(3), (2, 1, 1))
     springs = jc.Springs([[0], [1]], [[1e3] * 3] * 2, [[1e2] * 3] * 2, axes, [[1.0, 0, 0]] * 2)
     return [
-        *(linear, springs, jc.Bearings([[0], [1]], [1e3] * 2, [[0, 0, 1.0]] * 2, [0.1] * 2)),
+        *(linear, springs, jc.GroundContacts([[0], [1]], [1e3] * 2, [[0, 0, 1.0]] * 2, [0.1] * 2)),
         jc.Contacts(LINKS, axial_stiffness=[1e5] * 4, gap=[0.01] * 4, strength=[1e4] * 4),
         *(table, eurocode, jc.WindPowerLaw(np.array(20.0), np.array(0.2))),
         jc.WindLoads([1.0, 0, 0], table, [1.2] * 4, [0.1] * 4, ice=[0.01] * 4, factor=[1.0] * 4),
@@ -160,9 +160,16 @@ def test_every_class_that_users_construct_is_among_the_examples():
         one for one in shipped if not is_check(one)
     } <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
-    made_by_the_package |= {"Omission", "Cases", "ChunkReport", "CableData", "ProfileData", "Units"}
+    made_by_the_package |= {
+        "Omission",
+        "Cases",
+        "ChunkReport",
+        "CableRecord",
+        "ProfileRecord",
+        "Units",
+    }
     # declarations in the bodies of own classes, texts and functions: no arrays
-    made_by_the_package |= {"Statement", "Result", "Rule"}
+    made_by_the_package |= {"PhaseInput", "Result", "Rule"}
     # settings of one call, which copy what they are given (tests/design/test_checks.py)
     made_by_the_package |= {own.__name__ for own in vars(jc.design).values() if is_check(own)}
 

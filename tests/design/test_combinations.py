@@ -193,7 +193,7 @@ def test_accidental_and_rules_of_a_user(tmp_path):
     lost |= {(g, s, w, b, a) for g, s, w, a, b in lost}
     assert factors(found, "ACC 6.11") == lost
     assert set(found.limit_states) == {"ultimate", "accidental", "serviceability"}
-    assert found.of_limit_state("accidental").names[0] == "ACC 6.11-1"
+    assert found.select_limit_states("accidental").names[0] == "ACC 6.11-1"
     assert found.formula(found.names.index("ACC 6.11-1")) == "1 G + 1 stay 1"
     two = combinations([G, S, W], which=["ULS 6.10a", "ULS 6.10b"])
     assert (1.35, 0.75, 0.9) in factors(two, "ULS 6.10a")
@@ -296,7 +296,7 @@ def test_a_batch_of_combinations_equals_each_alone(analysed):
     """
     found, batch = analysed
     assert set(np.asarray(batch.status)) == {0}
-    assert len(found.of_limit_state("ultimate")) == 2 * (1 + 4 + 2 * 5 + 3 * 2)  # by set sizes
+    assert len(found.select_limit_states("ultimate")) == 2 * (1 + 4 + 2 * 5 + 3 * 2)  # by set sizes
     chosen = {}
     for k, row in enumerate(found.factors):
         chosen.setdefault((found.limit_states[k], tuple(row > 0)), k)
@@ -388,7 +388,7 @@ def test_limit_states_choose_their_rules():
     load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
     actions = [Action("dead", "permanent", load), Action("snow", "snow", load)]
     every, chosen = combinations(actions), combinations(actions, which=["serviceability"])
-    assert chosen.names == every.of_limit_state("serviceability").names
+    assert chosen.names == every.select_limit_states("serviceability").names
     assert set(chosen.limit_states) == {"serviceability"}
     words = ["SLS frequent", "serviceability"]
     assert sorted(combinations(actions, which=words).names) == sorted(chosen.names)

@@ -205,7 +205,9 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     def lowest(force):
         load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
         solution = jc.solve(structure, [jc.Phase(loads=load)])
-        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0], solution.status
+        return jnp.linalg.eigvalsh(jc.stiffness.tangent_stiffness(structure, solution))[
+            0
+        ], solution.status
 
     euler = np.pi**2 * EI / length**2
     low, high = 0.9 * euler, 1.1 * euler
@@ -232,18 +234,16 @@ MIXED = jc.Structure(
 
 def test_a_scalar_prestress_is_for_cables_and_bars():
     """Beams beside them are left out; a temperature finds those that expand."""
-    guys, mast = jc.Phase(pretension=1e4).statements(MIXED)  # in the order of the keys
+    guys, mast = jc.Phase(pretension=1e4).inputs(MIXED)  # in the order of the keys
     assert mast == {} and guys["pretension"].values.tolist() == [1e4] * 3
-    (alone,) = jc.Phase(pretension=1e4).statements(beam(2, BOX))
+    (alone,) = jc.Phase(pretension=1e4).inputs(beam(2, BOX))
     assert alone["pretension"].values.tolist() == [1e4] * 2
     warm = jc.replace(
         MIXED,
         elements={name: jc.replace(g, expansion=1e-5) for name, g in MIXED.elements.items()},
     )
-    assert all(
-        "temperature" in statements for statements in jc.Phase(temperature=5.0).statements(warm)
-    )
-    mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).statements(MIXED)[::-1]
+    assert all("temperature" in inputs for inputs in jc.Phase(temperature=5.0).inputs(warm))
+    mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).inputs(MIXED)[::-1]
     assert guys == {} and mast["pretension"].values.tolist() == [1.0, 1.0]
 
 

@@ -153,7 +153,7 @@ def random_structure(seed):
         for name, kind in kinds.items()
     }
     firm, gap = 1e5 * 10 ** rng.uniform(-1, 1, 3), rng.uniform(-0.01, 0.03, 3)
-    groups["ground"] = jc.Bearings([5, 6, 7], firm, rng.normal(size=(3, 3)), gap)
+    groups["ground"] = jc.GroundContacts([5, 6, 7], firm, rng.normal(size=(3, 3)), gap)
     groups["springs"] = jc.Springs([8], rng.uniform(0, 100, 3))
     load = rng.normal(size=(5, 3)) * 10 ** rng.uniform(0, 4)
     return jc.Structure(nodes, groups, jc.pinned(range(5))), load

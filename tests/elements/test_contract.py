@@ -13,14 +13,14 @@ import jaxcable as jc
 from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
-from jaxcable.elements.statement import Statement
+from jaxcable.elements.phase_input import PhaseInput
 
 # --- classes that keep the contract, and those that do not
 
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
 
 
-@pytest.mark.quick_cases("Bearings", "Contacts", "SlidingCables")
+@pytest.mark.quick_cases("GroundContacts", "Contacts", "SlidingCables")
 @pytest.mark.parametrize(
     "group",
     [
@@ -39,7 +39,7 @@ NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0,
         jc.Cables([[0, 1]], axial_stiffness=1e3, rest_length=0.9),
         jc.Contacts([[0, 1]], axial_stiffness=1e3, gap=-0.1),
         jc.Springs([1, 2], (3.0, 2.0, 5.0), (4.0, 7.0, 1.0), preload=(1.0, 2.0, 3.0)),
-        jc.Bearings([1, 2], 5.0, (1.0, 2.0, 3.0), gap=-0.1),
+        jc.GroundContacts([1, 2], 5.0, (1.0, 2.0, 3.0), gap=-0.1),
     ],
     ids=lambda g: type(g).__name__,
 )
@@ -52,7 +52,7 @@ def test_what_does_not_keep_the_contract_is_told():
     with pytest.raises(ValueError, match="energy: the end forces are not its gradient") as raised:
         check(Lying([[0, 1]], 10.0, 3.0), NODES)
     assert raised.match(r"Lying: symmetric: its tangent is not .* symmetric = F")
-    with pytest.raises(ValueError, match="Jacks: Jacked: its state needs a field `jack_force`"):
+    with pytest.raises(ValueError, match="Jacks: Jackable: its state needs a field `jack_force`"):
         check(Jacks([[0, 1]], 1e3), NODES)
 
     class Careless(Brittle):
@@ -73,8 +73,8 @@ def test_a_state_without_the_field_of_a_statement_is_refused():
         jc.solve(structure, jc.Phase(jacking=10.0))
     with pytest.raises(TypeError, match=r"abstract method '?tension"):
 
-        class Untold(abilities.Jacked):
-            start = apply_statements = lock_off = end_forces = energy = None
+        class Untold(abilities.Jackable):
+            start = apply_phase_inputs = lock_off = end_forces = energy = None
 
         Untold()
 
@@ -186,8 +186,8 @@ DEFECTS = [
 
 
 def stressed_by(values):
-    """How cloth applies statements, by a function of them."""
-    return {"apply_statements": lambda self, state, ends, s: copy_with(state, stress=values(s))}
+    """How cloth applies inputs, by a function of them."""
+    return {"apply_phase_inputs": lambda self, state, ends, s: copy_with(state, stress=values(s))}
 
 
 def two_sided_moment(self, motion):
@@ -196,7 +196,7 @@ def two_sided_moment(self, motion):
 
 
 MEMORY = "committed_memory: expected a memory like that of the state"
-STATED = "apply_statements: pretension: .* got"
+STATED = "apply_phase_inputs: pretension: .* got"
 ADDED = "state_at_activation: expected a state like .*`start`, got"
 CHANGED = {  # of the contract: a class, members of it that are changed, and the sentence
     "no memory": (
@@ -262,15 +262,15 @@ def test_what_a_class_changes_is_tried(name):
 
 
 @pytest.mark.parametrize(
-    ("statement", "sentence"),
+    ("phase_input", "sentence"),
     [
-        ("stress", "statements: 'stress' is none of .*; give a `Statement`"),
-        (Statement("sag", "m"), "statements: 'sag' is one of `Phase`; give the name alone"),
+        ("stress", "phase_inputs: 'stress' is none of .*; give a `PhaseInput`"),
+        (PhaseInput("sag", "m"), "phase_inputs: 'sag' is one of `Phase`; give the name alone"),
     ],
 )
-def test_names_of_statements_are_tried(statement, sentence):
+def test_names_of_phase_inputs_are_tried(phase_input, sentence):
     class Own(Membranes):
-        statements = (statement,)
+        phase_inputs = (phase_input,)
 
     with pytest.raises(ValueError, match=sentence):
         jc.Structure(NODES, pytree(indices=("links",))(Own)([[0, 1, 2]], 1e4), jc.pinned([0]))

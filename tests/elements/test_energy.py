@@ -11,7 +11,7 @@ from jaxcable.common.tree import copy_with, merge_indices, split_indices
 from jaxcable.elements import AxialState
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.assembly import System
-from jaxcable.spaces import space_of
+from jaxcable.spaces import space_class
 from jaxcable.spaces.dof_map import make_dof_map
 
 CURVE = jc.Polygonal([-0.2, -0.1, 0.0, 0.05, 0.3], [-5e3, -3e3, 0.0, 1.5e3, 4e3])
@@ -122,8 +122,8 @@ def system(name, held=False):
     if group.rotates:
         still = np.tile([1.0, 0, 0, 0], (count, 1))
         held_at = jnp.concatenate([held_at, still], axis=1)
-    kind = space_of([group])
-    space = kind.of(nodes, [group], dof_map, held_at, None)
+    kind = space_class([group])
+    space = kind.build(nodes, [group], dof_map, held_at, None)
     if group.rotates:
         size = 0.3 * space.rotation_length
     load = kind.pad_moments(jnp.asarray(load))  # without moments, which have no potential

@@ -194,7 +194,7 @@ def test_a_follower_force_of_an_element(solver):
     structure, solution = thrown(7.0, method=method)
     assert solution.status == status.OK and solution.stable
     assert_allclose(solution.positions[1, :2], exact(7.0), rtol=1e-10)
-    tangent = jc.stiffness.tangent_of(structure, solution)
+    tangent = jc.stiffness.tangent_stiffness(structure, solution)
     assert np.abs(tangent - tangent.T).max() > 1.0
 
     def end(p, kind=Thrusters):
@@ -217,7 +217,7 @@ def test_what_needs_symmetry_is_refused():
         with pytest.raises(ValueError, match=name + named):
             getattr(jc.stiffness, name)(structure, solution)
     given = jc.stiffness.flexibility(structure, solution, [1], "xy")
-    tangent = np.asarray(jc.stiffness.tangent_of(structure, solution))
+    tangent = np.asarray(jc.stiffness.tangent_stiffness(structure, solution))
     assert_allclose(given, np.linalg.inv(tangent), rtol=1e-10)
 
 
@@ -372,7 +372,7 @@ def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
     monkeypatch.setattr(memory_limit, "available_bytes", lambda: 2000)
     monkeypatch.setattr(memory_limit, "_NEVER_REFUSED", 0)  # the net of this test is small
     for call in (
-        jc.stiffness.tangent_of,
+        jc.stiffness.tangent_stiffness,
         jc.stiffness.modes,
         jc.stiffness.buckling_factor,
         lambda *at: jc.stiffness.natural_frequencies(*at, masses=1.0),

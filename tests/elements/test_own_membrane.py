@@ -129,7 +129,7 @@ def test_a_pretension_of_two_components():
     cable = jc.Cables([[0, 1]], axial_stiffness=ET)
     structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
     with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
-        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).statements(structure)
+        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
 
 
 def test_components_are_refused_where_nothing_takes_them():
@@ -148,7 +148,7 @@ def test_files_and_commands_know_components(tmp_path, capsys):
     path = tmp_path / "cloth.json"
     jc.save_scene(path, (structure, [jc.Phase(pretension={"cloth": stated})]))
     read, phases = jc.load_scene(path)
-    assert_allclose(phases[0].statements(read)[0]["pretension"].values, stated, rtol=0)
+    assert_allclose(phases[0].inputs(read)[0]["pretension"].values, stated, rtol=0)
     jsonschema.validate(json.loads(path.read_text()), jc.files.scene_schema())
     main(["info", str(path)])
     assert "pretension 120 to 300 N" in capsys.readouterr().out

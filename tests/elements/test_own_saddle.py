@@ -1,4 +1,4 @@
-"""A rope over a saddle, written in a test file: statements of own elements, phase by phase."""
+"""A rope over a saddle, written in a test file: inputs of own elements, phase by phase."""
 
 import sys
 
@@ -124,17 +124,17 @@ WIRE = jc.Cables([[1, 2]], axial_stiffness=EA)
     [
         (
             {"clamp": 1.0},
-            r"own\['clamp'\]: no group of the structure has a statement 'clamp'; there are 'fric",
+            r"own\['clamp'\]: no group of the structure has an input 'clamp'; there are 'fric",
         ),
         ({"pretension": 1.0}, r"own: 'pretension' is an argument of Phase: Phase\(pretension="),
         ({"increments": 1.0}, "own: 'increments' is an argument"),
-        (3.0, r"own: expected a dict of statements by name, got"),
+        (3.0, r"own: expected a dict of inputs by name, got"),
         ({"clamped": 1.0}, r"own: 'clamped' is an argument of Phase: Phase\(clamped="),
         ({"friction": True}, "friction: expected numbers, got bool"),
         ({"friction": {"ropes": -0.1}}, r"\['ropes'\]\[0\] = -0.1: must not be negative"),
         (
             {"friction": {"wire": 0.1}},
-            r"\['wire'\]: a statement of Saddles; this group is made of Cables",
+            r"\['wire'\]: an input of Saddles; this group is made of Cables",
         ),
         (
             {"friction": {"rope": 0.1}},

@@ -64,7 +64,7 @@ def test_beams_on_an_elastic_foundation_converge_to_winkler():
 def test_a_beam_lifts_off_one_of_three_bearings():
     """Ends on bearings, and a gap of 5 mm in the middle that closes under load or does not."""
     span, load, firm = 4.0, 600.0, 1e8
-    bearings = jc.Bearings([0, 2, 4], firm, gap=np.array([0.0, 0.005, 0.0]))
+    bearings = jc.GroundContacts([0, 2, 4], firm, gap=np.array([0.0, 0.005, 0.0]))
     for force in (0.4 * load, load):
         _, solution = beam(4, span, {"ground": bearings}, jc.NodalLoads([2], (0.0, 0.0, -force)))
         assert int(solution.status) == 0
@@ -79,7 +79,7 @@ def test_a_beam_lifts_off_one_of_three_bearings():
         assert np.abs(pressed[:, 2].sum() - force) < 1e-6 * force
         assert np.abs(pressed[:, :2]).max() == 0.0
     # a load beyond the second bearing lifts the first off, up to where the weight of 1 N holds it
-    bearings = jc.Bearings([0, 2], 1e8)
+    bearings = jc.GroundContacts([0, 2], 1e8)
     loads = jc.NodalLoads([0, 4], [(0.0, 0.0, -200.0), (0.0, 0.0, -150.0)])
     _, solution = beam(4, span, {"ground": bearings}, loads)
     assert int(solution.status) == 0
@@ -87,7 +87,7 @@ def test_a_beam_lifts_off_one_of_three_bearings():
 
 
 def test_a_beam_that_loses_its_ground_is_a_mechanism():
-    bearings = jc.Bearings([0, 2], 1e9)
+    bearings = jc.GroundContacts([0, 2], 1e9)
     _, solution = beam(4, 4.0, {"ground": bearings}, jc.NodalLoads([2], (0.0, 0.0, 10.0)))
     assert int(solution.status) in (status.MECHANISM, status.NOT_CONVERGED)
     assert np.isnan(np.asarray(solution.displacement)).all()
@@ -144,7 +144,7 @@ def on_soft_ground(p):
     elements = {
         "cable": jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5),
         "spring": jc.Springs([1], p[0] * jnp.array([1.0, 2.0, 3.0]), preload=(0.0, 0.0, 20.0)),
-        "ground": jc.Bearings([1], 5e3, (p[1], 0.0, 1.0), gap=p[2]),
+        "ground": jc.GroundContacts([1], 5e3, (p[1], 0.0, 1.0), gap=p[2]),
     }
     structure = jc.Structure(ROOF, elements, jc.pinned([0, 2]))
     tension = {"cable": 1000.0}
@@ -168,7 +168,7 @@ def test_springs_that_a_phase_adds_are_unstressed():
     elements = {
         "bars": jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e5),
         "spring": jc.Springs([1], 1e3),
-        "ground": jc.Bearings([1], 1e3, gap=-0.01),
+        "ground": jc.GroundContacts([1], 1e3, gap=-0.01),
     }
     held = jc.pinned([0, 2]) + jc.restrained([1], "y")
     structure = jc.Structure(ROOF, elements, held)
@@ -184,7 +184,7 @@ def test_springs_that_a_phase_adds_are_unstressed():
 
 
 def test_reports_files_and_pictures(tmp_path):
-    bearings = jc.Bearings([0, 2, 4], 1e8, gap=np.array([0.0, 0.005, 0.0]))
+    bearings = jc.GroundContacts([0, 2, 4], 1e8, gap=np.array([0.0, 0.005, 0.0]))
     structure, solution = beam(4, 4.0, {"ground": bearings}, jc.NodalLoads([2], (0.0, 0.0, -300.0)))
     tables = jc.report(structure, solution).tables
     slack = tables["slack"]
@@ -205,5 +205,7 @@ def test_reports_files_and_pictures(tmp_path):
     jc.files.save_vtk(tmp_path / "scene.vtk", structure, solution)
     bars = jc.Bars(structure.elements["beam"].links.array, axial_stiffness=1e5)
     held = jc.Structure(structure.nodes, {"bars": bars, "ground": bearings}, jc.pinned([1]))
-    with pytest.raises(ValueError, match="ground are Bearings; only Cables, Bars and Contacts can"):
+    with pytest.raises(
+        ValueError, match="ground are GroundContacts; only Cables, Bars and Contacts can"
+    ):
         require_exportable(held)

@@ -106,4 +106,4 @@ def test_gradients():
 def test_nets_and_structures_without_cables_have_none(kinds):
     groups = [kind([[0, 1]], axial_stiffness=1.0) for kind in kinds]
     system = SimpleNamespace(groups=groups, states=[SimpleNamespace(line_load=None)] * len(groups))
-    assert PartialNet.of(system) is None
+    assert PartialNet.from_system(system) is None

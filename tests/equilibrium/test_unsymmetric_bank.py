@@ -73,7 +73,7 @@ def test_stable_excludes_divergence_and_proves_no_flutter():
         structure = jc.Structure(nodes, springs, held)
         solution = jc.solve(structure, load)
         assert int(solution.status) == jc.status.OK and bool(solution.stable) == stable
-        tangent = np.asarray(jc.stiffness.tangent_of(structure, solution))
+        tangent = np.asarray(jc.stiffness.tangent_stiffness(structure, solution))
         assert (np.linalg.eigvals(tangent).real > 0.5).all()
         exact = np.linalg.solve(np.eye(3) + np.array(across), [0.3, 0.1, -0.2])
         np.testing.assert_allclose(solution.displacement[1], exact, rtol=1e-10)

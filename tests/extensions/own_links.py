@@ -11,7 +11,7 @@ from jaxcable.extend import (
     Element,
     ElementState,
     Indices,
-    Jacked,
+    Jackable,
     copy_with,
     floats_per_element,
     pytree,
@@ -119,12 +119,12 @@ class Brittle(Joined):
 
 
 @pytree(indices=("links",))
-class Jacks(Brittle, Jacked):
+class Jacks(Brittle, Jackable):
     """Says that it can be jacked, and has a state without a jack force."""
 
-    statements = ("jacking",)
+    phase_inputs = ("jacking",)
 
-    def apply_statements(self, state, ends, statements):
+    def apply_phase_inputs(self, state, ends, inputs):
         return state
 
     def lock_off(self, state, ends, motion):

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcable.extend import Dead, as_floats, pytree, register, set_fields
+from jaxcable.extend import DeadLoad, as_floats, pytree, register, set_fields
 
 PLACES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 PLACES, WEIGHTS = 0.5 * (1 + PLACES), 0.5 * WEIGHTS  # from 0 to 1 along an element
@@ -11,7 +11,7 @@ PLACES, WEIGHTS = 0.5 * (1 + PLACES), 0.5 * WEIGHTS  # from 0 to 1 along an elem
 
 @register
 @pytree
-class PowerLawWind(Dead):
+class PowerLawWind(DeadLoad):
     """Wind on all elements of two ends, by the power law of the height z of their initial places.
 
     The force per length is ``reference (z / 10 m)**exponent``; heights below the ground have none.

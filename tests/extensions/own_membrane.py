@@ -57,7 +57,7 @@ class Membranes(Prestressable):
     per_element = ("stiffness", "poisson", "weight")
     results = (Result("membrane_forces", "N/m", ("xx", "yy", "xy")),)
     face = (0, 1, 2)
-    statements = ("prestrain",)
+    phase_inputs = ("prestrain",)
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
@@ -76,8 +76,8 @@ class Membranes(Prestressable):
             none, area=self._place(ends + motion)[2], moved=motion, present=state.present
         )
 
-    def apply_statements(self, state, ends, statements):
-        stated = statements["prestrain"]
+    def apply_phase_inputs(self, state, ends, inputs):
+        stated = inputs["prestrain"]
         return copy_with(state, prestrain=stated.select(stated.values, state.prestrain))
 
     def weights(self, state):
@@ -139,7 +139,7 @@ class Stressed(Strained):
 class Cloth(Membranes):
     """Triangles in the plane x, y, with warp along x and weft along y."""
 
-    statements = ("pretension",)
+    phase_inputs = ("pretension",)
     components: ClassVar = {"pretension": ("warp", "weft")}
 
     def start(self, ends):
@@ -147,8 +147,8 @@ class Cloth(Membranes):
         stress = jnp.zeros((len(ends), 2))
         return Stressed(before.prestrain, before.area, before.moved, stress=stress)
 
-    def apply_statements(self, state, ends, statements):
-        stated = statements["pretension"]
+    def apply_phase_inputs(self, state, ends, inputs):
+        stated = inputs["pretension"]
         return copy_with(state, stress=stated.select(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):

@@ -44,7 +44,7 @@ class InMotion:
 
 
 @pytree(static=("rho",), kw_only=True)
-class Moving(System):
+class PrescribedMovement(System):
     """A system at the end of a time step, whose external force includes inertia and damping.
 
     Elements with inner numbers are not foreseen.
@@ -120,10 +120,10 @@ class Moving(System):
 
 
 def moving(system, begun, masses, duration, damping=0.0, rho=None):
-    """The `Moving` of a system at the end of a step."""
+    """The `PrescribedMovement` of a system at the end of a step."""
     given = {field.name: getattr(system, field.name) for field in dataclasses.fields(system)}
     numbers = {"damping": damping, "duration": duration, "rho": rho}
-    return Moving(**given, begun=begun, masses=masses, **numbers)
+    return PrescribedMovement(**given, begun=begun, masses=masses, **numbers)
 
 
 def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=None):

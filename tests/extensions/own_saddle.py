@@ -1,6 +1,6 @@
 """An element written outside of the package, against its contract: a rope over a saddle.
 
-It slides with Coulomb friction, or is held by a clamp; phases state which, by statements of its
+It slides with Coulomb friction, or is held by a clamp; phases state which, by inputs of its
 own. Source of the friction: Euler (1769), ``N1 <= N2 exp(mu alpha)``.
 """
 
@@ -10,10 +10,10 @@ import numpy as np
 from jaxcable.extend import (
     ElementState,
     Indices,
+    PhaseInput,
     Prestressable,
     Result,
     Rule,
-    Statement,
     copy_with,
     floats_per_element,
     not_negative,
@@ -63,10 +63,10 @@ class Saddles(Prestressable):
     results = (Result("rope_forces", "N", ("first", "last")),)
     has_memory = True
     symmetric = False  # where it slides, one side has the force of the other times a number
-    statements = (
+    phase_inputs = (
         "pretension",
-        Statement("friction", "-", ramped=False, rules=(not_negative,)),
-        Statement("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+        PhaseInput("friction", "-", ramped=False, rules=(not_negative,)),
+        PhaseInput("clamped", "-", ramped=False, rules=(_open_or_closed,)),
     )
 
     def __post_init__(self):
@@ -89,14 +89,14 @@ class Saddles(Prestressable):
     def initial_memory(self):
         return jnp.zeros(len(self.links))
 
-    def apply_statements(self, state, ends, statements):
+    def apply_phase_inputs(self, state, ends, inputs):
         changes = {
-            name: statements[name].select(statements[name].values, getattr(state, name))
+            name: inputs[name].select(inputs[name].values, getattr(state, name))
             for name in ("friction", "clamped")
-            if name in statements
+            if name in inputs
         }
-        if "pretension" in statements:
-            stated = statements["pretension"]
+        if "pretension" in inputs:
+            stated = inputs["pretension"]
             length = jnp.sum(_sides(ends)[1], axis=-1)
             rest = length / (1 + stated.values / self.stiffness)
             changes["rest_length"] = stated.select(rest, state.rest_length)

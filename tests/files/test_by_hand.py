@@ -46,7 +46,7 @@ def test_groups_that_are_left_out_have_no_statement(field, value):
     full = {"guys": value, "mast": None}
     phases = [[jc.Phase(), jc.Phase(**{field: of})] for of in (short, full)]
     for read in (
-        lambda all_: all_[1].statements(structure),
+        lambda all_: all_[1].inputs(structure),
         lambda all_: make_activation(structure, all_, None),
     ):
         one, other = map(read, phases)
@@ -55,15 +55,13 @@ def test_groups_that_are_left_out_have_no_statement(field, value):
             np.testing.assert_array_equal(a, b)
     there = make_activation(structure, phases[0], None)
     assert (there is not None) == (field in ("adds", "removes"))
-    assert bool(phases[0][1].statements(structure)[0]) == (value is not None and there is None)
+    assert bool(phases[0][1].inputs(structure)[0]) == (value is not None and there is None)
     if field != "pretension":
         return
 
     def forces(force, more):
         return (
-            jc.Phase(pretension={"guys": force, **more})
-            .statements(structure)[0]["pretension"]
-            .values
+            jc.Phase(pretension={"guys": force, **more}).inputs(structure)[0]["pretension"].values
         )
 
     for more in ({}, {"mast": None}):
@@ -81,7 +79,7 @@ def test_they_may_lie_within_others():
     structure = jc.Structure(PLACES, groups, jc.pinned([0, 2, 3, 4]))
 
     def largest(value):
-        found = jc.Phase(pretension=value).statements(structure)
+        found = jc.Phase(pretension=value).inputs(structure)
         return [float(np.max(of["pretension"].values)) if of else None for of in found]
 
     assert largest({}) == [None] * 4
@@ -97,7 +95,7 @@ def test_they_may_lie_within_others():
 
 
 def test_form_finding_takes_them_too():
-    """What all of its statements go through."""
+    """What all of its inputs go through."""
     full, short = (
         values_by_group(q, mast(), "q") for q in ({"guys": 2.0, "mast": None}, {"guys": 2.0})
     )

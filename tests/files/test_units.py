@@ -15,11 +15,11 @@ from oracles.convergence import converged
 import jaxcable as jc
 from jaxcable.common.tree import pytree
 from jaxcable.common.units import SI, SYMBOLS, Units, as_units
-from jaxcable.elements.abilities import STATEMENTS
-from jaxcable.extend import Statement
+from jaxcable.elements.abilities import PHASE_INPUTS
+from jaxcable.extend import PhaseInput
 from jaxcable.files import codec
 from jaxcable.files.field_docs import (
-    OF_STATEMENT,
+    OF_PHASE_INPUT,
     field_units,
     may_have_unit,
     unit_in_description,
@@ -47,7 +47,7 @@ POWERS = {  # of force, length and temperature, of fields of scene files
     **dict.fromkeys(("roughness_length", "reference_height"), (0, 1, 0)),
     **dict.fromkeys(("velocity", "velocities", "gravity"), (0, 1, 0)),  # per s, per s2
     **{"pressures": (1, -2, 0), "Crowd.forces": (1, -1, 0), "density": (0, -3, 0)},
-    **dict.fromkeys(("Springs.stiffness", "Bearings.stiffness"), (1, -1, 0)),
+    **dict.fromkeys(("Springs.stiffness", "GroundContacts.stiffness"), (1, -1, 0)),
     **{"rotational_stiffness": (1, 1, 0), "preload": (1, 0, 0), "Parallel.spring": (-1, 2, 0)},
 }
 PLAIN = {"axes", "prestrain", "up", "factor", "axis", "direction", "rotations", "parameters"}
@@ -143,7 +143,7 @@ def blown():
         "mast": jc.Beams([[0, 1], [1, 2]], section=section, weight=900.0),
         "guys": jc.Catenaries([[3, 2], [4, 2], [5, 2]], axial_stiffness=2e7, weight=12.0),
         "soil": jc.Springs([0], 5e8, rotational_stiffness=2e7, preload=(0.0, 0.0, 4e4)),
-        "bearing": jc.Bearings([0], 2e8, gap=0.001),
+        "bearing": jc.GroundContacts([0], 2e8, gap=0.001),
     }
     structure = jc.Structure(nodes, elements, jc.pinned([3, 4, 5]))
     storm = jc.EurocodeWind(24.0, roughness_length=0.06, lowest_height=3.0)
@@ -257,7 +257,7 @@ def test_every_number_of_every_class_has_a_unit():
                 missing.append(f"{name}.{field.name}")
                 continue
             unit, powers = units[field.name], powers_of(name, field.name)
-            if unit == OF_STATEMENT:
+            if unit == OF_PHASE_INPUT:
                 assert (name, field.name) in (("Only", "values"), ("Phase", "own"))
             elif powers is not None:
                 base = (1000.0, 0.3048, 1 / 1.8)
@@ -269,8 +269,8 @@ def test_every_number_of_every_class_has_a_unit():
                 assert Units("kip", "ft", "F").factor(unit) == 1, (name, field.name)
                 seen.add(field.name)
     assert missing == [] and len(seen) > 35
-    for name, statement in STATEMENTS.items():  # stated twice: here, and by the docstring
-        assert field_units(jc.Phase, codec.TYPES)[name] == statement.unit
+    for name, phase_input in PHASE_INPUTS.items():  # stated twice: here, and by the docstring
+        assert field_units(jc.Phase, codec.TYPES)[name] == phase_input.unit
 
 
 @pytest.mark.parametrize(
@@ -284,7 +284,7 @@ def test_every_number_of_every_class_has_a_unit():
         ("one fibre with E, A, I, J is enough", None),
         ("[3] or [n, 3], m, along freedoms", "m"),
         ("number of points, at most 5 m apart", None),
-        ("a value, in the unit of what is stated;", OF_STATEMENT),
+        ("a value, in the unit of what is stated;", OF_PHASE_INPUT),
     ],
 )
 def test_a_unit_ends_its_clause(text, unit):
@@ -390,15 +390,15 @@ def test_messages_say_that_their_numbers_are_in_si(tmp_path):
 # --- classes of users
 
 
-def own_class(doc, statement):
-    """A class of cables with a statement, and a field of its own, whose docstring is `doc`."""
+def own_class(doc, phase_input):
+    """A class of cables with an input, and a field of its own, whose docstring is `doc`."""
 
     @pytree(indices=("links",), kw_only=True)
     class Glued(jc.Cables):
         glue: object = None
 
     Glued.__doc__ = doc
-    Glued.statements = ("pretension", statement)
+    Glued.phase_inputs = ("pretension", phase_input)
     return Glued
 
 
@@ -406,7 +406,7 @@ def test_own_classes_state_their_units_in_the_same_way(tmp_path, monkeypatch):
     monkeypatch.setattr(codec, "TYPES", dict(codec.TYPES))
     path = tmp_path / "own.json"
     for doc in ("Glued.\n\nArgs:\n    glue: of it.", "Glued.\n\nArgs:\n    glue: of it, N/m2."):
-        cls = own_class(doc, Statement("dried", "N/m"))
+        cls = own_class(doc, PhaseInput("dried", "N/m"))
         codec.TYPES["Glued"] = cls
         cables = {"own": cls([[0, 1]], axial_stiffness=1e6, glue=5e3)}
         structure = jc.Structure([[0.0, 0, 0], [1, 0, 0]], cables, jc.pinned([0, 1]))

@@ -66,7 +66,7 @@ def test_elastic_net_as_by_solve():
 
 
 def test_a_law_of_points_and_default_lengths():
-    """Without a statement the chord is the unstressed length; forces follow the curve.
+    """Without an input the chord is the unstressed length; forces follow the curve.
 
     A node that sinks by w: strain ``sqrt(1 + w^2) - 1`` and ``P = 2 N w / l``.
     """

@@ -139,7 +139,7 @@ def test_elements_bend_and_hang_under_loads_on_some_of_them():
     state = chain.start(jnp.asarray(SQUARE)[chain.links.array])
     for load, each in ((jc.SelfWeight, 20.0), (functools.partial(jc.LineLoads, DOWN), 50.0)):
         chosen = load(on="all", elements=jc.only([1, 2]))
-        own = jc.combine([chosen], [2.0])[0].with_group_numbers(structure)
+        own = jc.combine([chosen], [2.0])[0].with_group_indices(structure)
         along = own.load_per_length(0, chain, state, SQUARE)
         np.testing.assert_allclose(along[:, 2], [0, -2 * each, -2 * each], rtol=1e-14)
 

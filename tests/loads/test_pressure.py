@@ -72,7 +72,7 @@ def test_a_pressed_cable_is_a_circular_arc():
 def test_each_end_gets_half_of_the_pressure_on_its_element(per):
     """On the chord as it is, or on the unstressed length, across axis and chord."""
     structure = arch(2)
-    load = jc.CablePressure(30.0, AXIS, on="edge", per=per).with_group_numbers(structure)
+    load = jc.CablePressure(30.0, AXIS, on="edge", per=per).with_group_indices(structure)
     groups, states, nodes = at_rest(structure)
     moved = nodes + jnp.array([[0.0, 0, 0], [0.3, 0, 0.5], [0, 0, 0]])
     across = np.cross(AXIS, np.diff(np.asarray(moved), axis=0))

@@ -233,7 +233,7 @@ def test_what_is_no_face_is_refused(monkeypatch):
     ):
         with pytest.raises(ValueError) as caught:
             load.check(structure)
-            load.with_group_numbers(structure)
+            load.with_group_indices(structure)
         assert words in str(caught.value)
     net, _ = jc.scenes.flat_net()
     with pytest.raises(ValueError, match=r"faces: missing: elements \(Cables\) has no faces; give"):

@@ -99,7 +99,7 @@ def net(law=None, **first):
 
 
 def stages():
-    """Statements that differ from group to group, and loads on some elements of some."""
+    """Inputs that differ from group to group, and loads on some elements of some."""
     first = jc.Phase(
         pretension={"a": 300.0, "b": None, "c": jc.only([1], 250.0), "strut": None},
         prestrain={"a": None, "b": [2e-3, 3e-3, 2.5e-3], "c": None, "strut": None},
@@ -127,11 +127,11 @@ def stages():
 def test_sorts():
     groups = net().motion_rows()[1]
     # dictionaries are in the order of their keys: a, b, c, strut
-    assert Bundles.of(groups).group_indices == ((0, 1, 2), (3,))
+    assert Bundles.from_groups(groups).group_indices == ((0, 1, 2), (3,))
     other = net(compliance=1e-7).motion_rows()[1]  # a spring, which the others do not have
-    assert Bundles.of(other).group_indices == ((0,), (1, 2), (3,))
+    assert Bundles.from_groups(other).group_indices == ((0,), (1, 2), (3,))
     one = jc.Structure(NODES[[1, 4, 7]], jc.Cables([[0, 1], [1, 2]], 1e5), jc.pinned([0, 2]))
-    assert Bundles.of(one.motion_rows()[1]).are_groups
+    assert Bundles.from_groups(one.motion_rows()[1]).are_groups
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def sections(sort):
 @pytest.mark.parametrize("sort", ["elastic", "memory"])
 def test_sections_of_one_kind(alone, sort):
     structure = mast(sections(sort))
-    assert len(Bundles.of(structure.motion_rows()[1]).group_indices) == 2
+    assert len(Bundles.from_groups(structure.motion_rows()[1]).group_indices) == 2
     wind = jc.LineLoads((200.0, 50.0, 0.0), on=1, per="initial")
     tip = jc.NodalLoads([4], (900.0, 0.0, -500.0))
     phases = [

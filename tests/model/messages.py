@@ -37,7 +37,7 @@ DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True
 WARM = design.Action("warm", "temperature", temperature=20.0)
 RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
 STANDARD = reliability.Normal(0.0, 1.0)
-TUBE = jc.catalogue.profile_data("CHS 168.3x8")
+TUBE = jc.catalogue.profile_record("CHS 168.3x8")
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
@@ -67,9 +67,9 @@ def chain(middle):
     analyse(Phase(), structure=net(nodes, cables(LINKS[:2]), (0, 2)))
 
 
-def stated(elements=None, **statement):
+def stated(elements=None, **phase_input):
     """A phase of the net, or of one of other elements."""
-    analyse(Phase(**statement), structure=net(elements=elements))
+    analyse(Phase(**phase_input), structure=net(elements=elements))
 
 
 def loaded(*loads, structure=None):
@@ -206,7 +206,7 @@ jc.Contacts(LINKS, axial_stiffness=1.0, gap=0.1, rest_length=1.0)  # gap: give e
 jc.Springs([0], [1.0, 2.0])  # stiffness: expected a scalar or shape (3,) or (1, 3), got (2,)
 jc.Springs([], 1.0)  # links: a group needs at least one element
 jc.Springs([0], 1.0, axes=np.eye(2))  # axes: expected shape (3, 3) or (1, 3, 3), got (2, 2)
-jc.Bearings([[0, 1]], 1.0)  # links: expected shape [n, 1], got (1, 2)
+jc.GroundContacts([[0, 1]], 1.0)  # links: expected shape [n, 1], got (1, 2)
 jc.forms.self_stress(net(elements=jc.Contacts(LINKS, axial_stiffness=1.0)))
     # elements (Contacts) only presses; form finding takes Bars
 
@@ -283,10 +283,10 @@ frame(HELD + jc.pinned([4]), stay=(4, 3), n_node=5, rigid=[[2, 4]])
 ## beams and sections
 jc.Beams([[0, 1]])  # section: missing; a group of beams needs a Section
 jc.Beams([[0, 1]], "HEA 200")  # section = 'HEA 200': expected a Section; ... catalogue.profile(
-jc.Beams([[0, 1]], jc.catalogue.profile_data("HEA 200"))
-    # section: expected a Section, got ProfileData; make one by its .section(law)
-jc.Bars([[0, 1]], section=jc.catalogue.profile_data("HEA 200"))
-    # section: expected a Section, got ProfileData; make one by its .section(law)
+jc.Beams([[0, 1]], jc.catalogue.profile_record("HEA 200"))
+    # section: expected a Section, got ProfileRecord; make one by its .section(law)
+jc.Bars([[0, 1]], section=jc.catalogue.profile_record("HEA 200"))
+    # section: expected a Section, got ProfileRecord; make one by its .section(law)
 beams(section=ANGLE)  # torsional_stiffness: missing; this section has
 beams(up=[0.0, 1.0])  # up: expected shape (3,) or (2, 3)
 jc.Structure([[0, 0, 0], [2e-3, 0, 1.0]], jc.Beams([[0, 1]], section=BOX), jc.clamped([0]))
@@ -407,8 +407,8 @@ jc.LineLoads(UP, on="net", elements=jc.only([2])).check(net(elements=TWO))
 jc.LineLoads((0, 1.0))  # forces: expected shape (3,), got (2,)
 framed(jc.LineLoads(UP, on="mast"))  # ...on = 'mast': no such key in the structure's elements
 loaded(jc.LineLoads(UP, on="soil"), structure=net(elements={"net": cables(), "soil":
-        jc.Bearings([1], 1e9)}))
-    # ...on = 'soil': elements['soil'] (Bearings) has no length to load; loads per length act along
+        jc.GroundContacts([1], 1e9)}))
+    # ...on = 'soil': elements['soil'] (GroundContacts) has no length to load; loads per length act
 jc.LineLoads([UP, UP], factor=[1.0])  # factor: expected a scalar or shape (2,), got (1,)
 loaded(jc.LineLoads([UP, UP]))  # ...forces: has values for 2 elements; elements has 3
 loaded(jc.LineLoads(UP, factor=[1.0, 2.0], elements=jc.only([1])))
@@ -602,8 +602,8 @@ jc.stiffness.imperfect(HUNG, np.zeros((2, 6, 3)), 0.0)  # shapes: expected [k, 4
 jc.stiffness.imperfect(HUNG, np.zeros((2, 4, 3)), [0.1] * 3)  # amplitudes: expected a scalar
 jc.stiffness.modes(HUNG, None, n=0)  # n = 0: expected a whole number
 jc.stiffness.modes(HUNG, None)  # state: expected a Solution or its .last
-jc.stiffness.tangent_of(HUNG, HUNG)  # state: expected a Solution ... got Structure
-jc.stiffness.tangent_of(HUNG, solution(), fixed=np.zeros((2, 3), bool))
+jc.stiffness.tangent_stiffness(HUNG, HUNG)  # state: expected a Solution ... got Structure
+jc.stiffness.tangent_stiffness(HUNG, solution(), fixed=np.zeros((2, 3), bool))
     # fixed: expected booleans of shape (4, 3), got (2, 3)
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
@@ -804,12 +804,12 @@ design.CableService(fraction="use")  # fraction = 'use': expected one of service
 design.CableFatigue(category="rope")  # category = 'rope': expected one of prestressing bar
 design.MemberSection()  # cross-section: profile, yield_strength: missing
 design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
-design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
+design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_record
 design.MemberSection(profile=TUBE, yield_strength=235e6).checked_elements(FRAMED)
     # ...elements: missing; say which of 'beams', 'post'
 design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
     # section_class = 4: expected 1, 2 or 3
-design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
+design.MemberSection(profile=jc.catalogue.profile_record("L 100x100x10"), yield_strength=235e6)
     # profile: L 100x10 is an angle
 design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
 design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=[1.0, 2.0, 3.0])
@@ -895,7 +895,7 @@ design.combinations([jc.replace(SNOW, name=str(k)) for k in range(16)])
     # actions: make more than 20000 combinations
 design.combinations([jc.replace(DEAD, loads=None)]).cases
     # actions: 'dead' has factor 1.35 in combination 'ULS 6.10-1', but is in the phases
-design.combinations([SNOW]).of_rule("ULS")  # rules = 'ULS': no combination is of it
+design.combinations([SNOW]).select_rules("ULS")  # rules = 'ULS': no combination is of it
 design.combinations([WARM, jc.replace(WARM, name="cold", temperature={"net": 1.0})]).cases
     # actions: temperature of 'cold' has another form than that of 'warm'
 jc.report(HUNG, solution(), combinations=5)  # combinations: expected Combinations, got int

@@ -118,7 +118,7 @@ def numbers(name):
 
 
 def stated(name, kind=jc.Cables, **numbers):
-    """A phase's statement for one cable of two, so that nothing is said of the other."""
+    """A phase's input for one cable of two, so that nothing is said of the other."""
     return lambda v: code(net(kind=kind, **numbers), jc.Phase(**{name: jc.only([1], v)}))
 
 
@@ -263,14 +263,14 @@ def prestressed(v):
 
 def scattered_by(name, kind=jc.reliability.Normal, **others):
     """A value of a distribution."""
-    return lambda v: kind(**{"mean": 2.0, name: v, **others}).value_at(1.0)
+    return lambda v: kind(**{"mean": 2.0, name: v, **others}).value_at_normal(1.0)
 
 
 def correlated(v):
     normal = jc.reliability.Normal(0.0, 1.0)
     matrix = np.eye(2) + v * np.array([[0.0, 1.0], [1.0, 0.0]])
     own = jc.reliability.Quantities({"a": normal, "b": normal}, matrix)
-    return own.values_at(jnp.ones(2))["b"]
+    return own.values_at_normals(jnp.ones(2))["b"]
 
 
 def tolerated(v):
@@ -282,7 +282,7 @@ def tolerated(v):
 def limited(v, **others):
     """Utilization of an own check by its limits."""
     own = design.OwnCheck("own", lambda *_: jnp.ones(1), **others | v)
-    return own.terms(None, None)["utilization"]
+    return own.evaluate(None, None)["utilization"]
 
 
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
@@ -319,8 +319,8 @@ on_ground(jc.Springs, "rotational_stiffness", stiffness=1.0),
     # rotational_stiffness: rotational_stiffness[0, 0] = -1.0: must not be negative
 on_ground(jc.Springs, "axes", stiffness=1.0), np.eye(3), np.ones((3, 3))
     # axes: axes[0]: expected three unit vectors
-on_ground(jc.Bearings, "stiffness"), 1.0, 0.0  # stiffness: stiffness[0] = 0.0: must be positive
-on_ground(jc.Bearings, "normal", stiffness=1.0), AXIS, (0.0, 0.0, 0.0)
+on_ground(jc.GroundContacts, "stiffness"), 1.0, 0.0  # stiffness: stiffness[0] = 0.0: must be
+on_ground(jc.GroundContacts, "normal", stiffness=1.0), AXIS, (0.0, 0.0, 0.0)
     # normal: normal[0]: a bearing needs a direction
 ## elements/beam.py
 of_beams("torsional_stiffness"),  # torsional_stiffness: torsional_stiffness... = -1.0
@@ -382,20 +382,20 @@ lambda v: jc.sections.bredt_torsion(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 lambda v: jc.Section.composite([DISC, DISC.shifted(z=0.2)], torsion=v).torsion,
     # torsion: torsion = -1.0
 ## analysis/prestress_rules.py
-stated("rest_length"),  # value_rules: ...rest_length[1] = -1.0: ... must be positive
-stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
-stated("pretension"),  # value_rules: ...pretension[1] = -1.0: a cable carries tension only
-stated("force_density"),  # value_rules: ...force_density[1] = -1.0
-stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
+stated("rest_length"),  # sign_rules: ...rest_length[1] = -1.0: ... must be positive
+stated("prestrain"), 0.1, -1.0  # sign_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
+stated("pretension"),  # sign_rules: ...pretension[1] = -1.0: a cable carries tension only
+stated("force_density"),  # sign_rules: ...force_density[1] = -1.0
+stated("jacking"), 100.0, -100.0  # sign_rules: ...jacking[1] = -100.0
 stated("pretension", jc.Contacts), -1.0, 1.0
-    # value_rules: ...pretension[1] = 1.0: a contact carries compression only
-stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
-stated("end_tension"), 100.0, -100.0  # value_rules: ...end_tension[1] = -100.0: a cable carries
+    # sign_rules: ...pretension[1] = 1.0: a contact carries compression only
+stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # sign_rules: ...sag[1] = -0.1
+stated("end_tension"), 100.0, -100.0  # sign_rules: ...end_tension[1] = -100.0: a cable carries
 stated("end_tension", jc.Catenaries), 1.0, 0.0
-    # value_rules: ...end_tension[1] = 0.0: must be positive: a cable that hangs has
+    # sign_rules: ...end_tension[1] = 0.0: must be positive: a cable that hangs has
 stated("horizontal_tension", jc.Catenaries), 1.0, -1.0
-    # value_rules: ...horizontal_tension[1] = -1.0: must be positive
-stated("built_sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...built_sag[1] = -0.1
+    # sign_rules: ...horizontal_tension[1] = -1.0: must be positive
+stated("built_sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # sign_rules: ...built_sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...pretension[1] = 1000001.0: more than the law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
@@ -520,7 +520,7 @@ lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress 
 lambda v: limited({"upper": v}),  # _validate_limits: own: upper = -1.0: expected a positive limit
 lambda v: limited({"lower": v}, upper=2.0), 1.0, 3.0
     # _validate_limits: own: lower = 3.0: expected below upper = 2.0
-lambda v: design.TensionLimit(lower=v).terms(net(), STRESSED)["utilization"], 1.0, 0.0
+lambda v: design.TensionLimit(lower=v).evaluate(net(), STRESSED)["utilization"], 1.0, 0.0
     # __post_init__: tension that remains: lower = 0.0: expected a positive tension
 ## standards/cables.py
 lambda v: jc.standards.cables.cable_resistance(v), 1.0, 0.0
@@ -570,8 +570,8 @@ OTHERWISE = {
     "stiffness/vibration.py:_warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
-    "model/spins.py:find_free_spins": "a warning",
-    "model/spins.py:describe_free_spins": "a warning",
+    "model/torsional_mechanisms.py:find_torsional_mechanisms": "a warning",
+    "model/torsional_mechanisms.py:describe_torsional_mechanisms": "a warning",
     "model/plausibility.py:array_or_none": "warnings",
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
@@ -584,6 +584,6 @@ OTHERWISE = {
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
-    "stiffness/vibration.py:_masses_of_nodes": "no rule: which library computes",
+    "stiffness/vibration.py:_nodal_masses": "no rule: which library computes",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

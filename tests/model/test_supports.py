@@ -1,4 +1,4 @@
-"""Supports in any direction, forks, rigid arms, joints, free spins: against independent statics."""
+"""Supports in any direction, forks, rigid arms, joints, torsional mechanisms: by other statics."""
 
 import warnings
 
@@ -257,7 +257,7 @@ def test_a_hinge_about_one_axis_turns_far():
     assert 2 * np.arctan2(turn[3], turn[0]) == pytest.approx(angle, rel=1e-6)
 
 
-# --- spins that nothing holds
+# --- rotations about the axis that nothing holds
 
 
 def mast(supports, law=LAW):
@@ -304,7 +304,7 @@ def test_free_spins_of_phases_are_stacked():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jc.InputWarning)
         schedule = prepare(structure, [phases[0], held], None, None).without_indices[-1]
-    rows, piece, ends = schedule.phases.dof_map["free_spins"]
+    rows, piece, ends = schedule.phases.dof_map["torsional_mechanisms"]
     assert piece.tolist() == [[0, 0, 0], [-1, -1, -1]]
     assert rows.tolist() == [[0, 1, 2], [0, 0, 0]]
     assert ends.shape == (2, 1, 2)
@@ -314,21 +314,21 @@ def test_spins_are_found_from_the_geometry():
     """A line of beams that balls and hinges about it hold; not what is bent, held or off it."""
     line, links = pieces(3, 3.0)
 
-    def spins(supports, nodes=line, **options):
+    def mechanisms(supports, nodes=line, **options):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", jc.InputWarning)
             structure = jc.Structure(nodes, jc.Beams(links, section=BOX), supports, **options)
-        return structure.fixed(supports).spins
+        return structure.fixed(supports).mechanisms
 
     ends = jc.pinned([0, 3])
-    assert spins(ends).rows.tolist() == [0, 1, 2, 3]
-    assert spins(ends + jc.restrained([2], about="yz")) is not None
-    assert spins(ends + jc.restrained([2], about="x")) is None
-    assert spins(jc.clamped([0])) is None
+    assert mechanisms(ends).rows.tolist() == [0, 1, 2, 3]
+    assert mechanisms(ends + jc.restrained([2], about="yz")) is not None
+    assert mechanisms(ends + jc.restrained([2], about="x")) is None
+    assert mechanisms(jc.clamped([0])) is None
     bent = line + np.array([[0, 0, 0], [0, 0, 0.1], [0, 0, 0], [0, 0, 0]])
-    assert spins(ends, bent) is None
+    assert mechanisms(ends, bent) is None
     skew = jc.restrained([1], about="x", axes=(1.0, 1.0, 0.0))
-    assert spins(ends + skew) is None
+    assert mechanisms(ends + skew) is None
 
 
 def test_a_clamp_holds_its_node_and_not_the_beam_beyond_a_hinge():

@@ -70,7 +70,7 @@ def test_another_topology_is_refused_by_name(first, name):
         with pytest.raises(ValueError, match=f"start: .*{text}"):
             jc.solve(other, jc.Phase(), start=start)
     with pytest.raises(ValueError, match=f"state: .*{text}"):
-        jc.stiffness.tangent_of(other, first)
+        jc.stiffness.tangent_stiffness(other, first)
 
 
 @pytest.mark.slow

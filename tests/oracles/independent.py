@@ -54,7 +54,7 @@ class Verdict:
 
 @dataclasses.dataclass
 class _Group:
-    """Elements of one group, and the state that the statements of the phases have left."""
+    """Elements of one group, and the state that the inputs of the phases have left."""
 
     group: object
     law: object

@@ -149,7 +149,7 @@ def test_nets_of_cables_have_no_curves_and_no_section_forces():
     """The lines of straight elements stay one array, whatever is known of the structure."""
     structure, phases = jc.scenes.flat_net()
     solution = converged(jc.solve(structure, phases))
-    assert element_curves.SolutionCurves(solution, structure).of_state(solution.last) is None
+    assert element_curves.SolutionCurves(solution, structure).at_state(solution.last) is None
     links = structure.elements.links.array, np.arange(12)
     drawn = element_curves.picture_lines(
         views.View("space"), np.asarray(solution.positions), links, None

@@ -8,7 +8,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.extend import Dead, pytree
+from jaxcable.extend import DeadLoad, pytree
 from jaxcable.programs.traced_function import evaluate_traced, trace_function
 from tests.banks.captured import WAYS
 
@@ -177,7 +177,7 @@ def test_numbers_are_those_of_now_within_other_programs():
 
 
 @pytree
-class OwnLoad(Dead):
+class OwnLoad(DeadLoad):
     """A force on a node along z, `strength` times the field."""
 
     force: object

@@ -28,7 +28,8 @@ PLACES.remove(jc.extend)  # bases, with one example for all of them, and names o
 
 METHODS = {
     jc.Section: "disc ring rectangle i_shape box polygon mesh composite shifted centred "
-    "centroid inertia stiffness torsional_stiffness axial fibre_stress forces strains interaction",
+    "centroid inertia stiffness torsional_stiffness uniaxial fibre_stress forces strains "
+    "interaction",
     jc.files.Net: "scene split",
     jc.forms.SelfStress: "describe unbalanced mechanism_stiffness stiffens",
     jc.paths.TracedPath: "failure_load",

@@ -255,13 +255,13 @@ def test_several_limit_states():
     assert found.limit_states == ("margin", "never", "sum")
     assert found.status.tolist() == [status.OK, status.STATIONARY, status.OK]
     np.testing.assert_allclose(found.beta, [12 / 5, np.nan, -8 / 5], rtol=1e-13)
-    alone = found.of("margin")
+    alone = found.select_limit_state("margin")
     assert alone.limit_states is None and alone.design_point["S"].shape == ()
     vector = first_order(lambda x: jnp.stack([*both(x).values()]), PAIR)
     assert vector.limit_states == ("0", "1", "2")
     np.testing.assert_allclose(vector.beta, found.beta[jnp.array([2, 0, 1])], rtol=1e-15)
     with pytest.raises(ValueError, match="limit_state: none; there are 'margin'"):
-        found.of("margins")
+        found.select_limit_state("margins")
 
 
 def test_a_cross_of_cables():
@@ -283,7 +283,7 @@ def test_a_cross_of_cables():
     feet = np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]])
 
     def by_hand(u):
-        values = quantities.values_at(jnp.asarray(u))
+        values = quantities.values_at_normals(jnp.asarray(u))
         stiffness, pull = float(values["EA"]), np.array([0, 0, -float(values["load"])])
         rest = 1 / (1 + np.asarray(values["pretension"]) / stiffness)
 

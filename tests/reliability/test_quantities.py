@@ -38,12 +38,14 @@ def test_values_in_both_tails_are_those_of_scipy(kind):
     """SciPy from the smaller probability, so that its own values keep their digits."""
     make, known = KINDS[kind]
     expected = np.where(U < 0, known.ppf(special.ndtr(U)), known.isf(special.ndtr(-U)))
-    value = traced(jax.vmap(make(MEAN, DEVIATION).value_at))(U)
+    value = traced(jax.vmap(make(MEAN, DEVIATION).value_at_normal))(U)
     # some roundings of either side, of values and of the mean
     np.testing.assert_allclose(value, expected, rtol=2e-14, atol=1e-15)
     for one in (make(MEAN, DEVIATION), make(MEAN, variation=DEVIATION / MEAN)):
         assert known.mean() == pytest.approx(MEAN, rel=1e-14)
-        np.testing.assert_allclose(one.value_at(1.5), known.isf(special.ndtr(-1.5)), rtol=1e-14)
+        np.testing.assert_allclose(
+            one.value_at_normal(1.5), known.isf(special.ndtr(-1.5)), rtol=1e-14
+        )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -51,8 +53,8 @@ def test_back_to_the_normal_variable(kind):
     """A value has the digits of u that its own rounding leaves: eps |x| / (dx/du)."""
     make = KINDS[kind][0]
     one = make(MEAN, DEVIATION)
-    x, slope = traced(jax.vmap(lambda u: jax.jvp(one.value_at, (u,), (1.0,))))(U)
-    back = traced(jax.vmap(one.normal_at))(x)
+    x, slope = traced(jax.vmap(lambda u: jax.jvp(one.value_at_normal, (u,), (1.0,))))(U)
+    back = traced(jax.vmap(one.normal_at_value))(x)
     allowed = 8 * np.finfo(float).eps * (np.abs(x) / slope + np.abs(U) + 1)
     assert np.isfinite(slope).all() and (slope > 0).all()
     resolved = allowed < 0.1  # a uniform quantity near its upper bound has no more digits
@@ -65,7 +67,7 @@ def test_the_derivative_is_the_ratio_of_the_densities(kind):
     make, known = KINDS[kind]
     u = U[np.abs(U) <= 5]
     one = make(MEAN, DEVIATION)
-    x, slope = traced(jax.vmap(lambda u: jax.jvp(one.value_at, (u,), (1.0,))))(u)
+    x, slope = traced(jax.vmap(lambda u: jax.jvp(one.value_at_normal, (u,), (1.0,))))(u)
     np.testing.assert_allclose(slope, stats.norm.pdf(u) / known.pdf(x), rtol=1e-9)
 
 
@@ -74,15 +76,15 @@ def test_far_beyond_the_tails_values_are_finite(kind):
     """A step of a search may go there."""
     make = KINDS[kind][0]
     for u in (-39.0, 39.0):
-        x, slope = traced(lambda u: jax.jvp(make(MEAN, DEVIATION).value_at, (u,), (1.0,)))(u)
+        x, slope = traced(lambda u: jax.jvp(make(MEAN, DEVIATION).value_at_normal, (u,), (1.0,)))(u)
         assert np.isfinite(x) and np.isfinite(slope)
 
 
 def test_derivatives_by_mean_and_scatter():
     """With a coefficient of variation the deviation follows the mean."""
     u = 1.7
-    by_mean = jax.grad(lambda m: Normal(m, DEVIATION).value_at(u))(MEAN)
-    following = jax.grad(lambda m: Normal(m, variation=0.2).value_at(u))(MEAN)
+    by_mean = jax.grad(lambda m: Normal(m, DEVIATION).value_at_normal(u))(MEAN)
+    following = jax.grad(lambda m: Normal(m, variation=0.2).value_at_normal(u))(MEAN)
     assert by_mean == 1.0 and following == pytest.approx(1 + 0.2 * u, rel=1e-15)
 
 
@@ -94,11 +96,11 @@ def test_a_dict_keeps_its_order_in_transformations():
     )
     assert quantities.layout == (("z", ()), ("a", (2,)), ("m", ()))
     u = jnp.array([1.0, 0.5, -0.5, 2.0])
-    for function in (Quantities.values_at, traced(Quantities.values_at)):
+    for function in (Quantities.values_at_normals, traced(Quantities.values_at_normals)):
         values = function(quantities, u)
         assert values["z"] == 1.0 and values["a"].tolist() == [1.0, -1.0]
         assert values["m"] == pytest.approx(0.8 * 1.0 + 0.6 * 2.0, rel=1e-14)  # Cholesky by hand
-    np.testing.assert_allclose(quantities.normal_at(values), u, rtol=1e-14)
+    np.testing.assert_allclose(quantities.normal_at_value(values), u, rtol=1e-14)
     changed = jc.replace(jax.tree.map(lambda x: x, quantities), correlation=np.eye(4))
     assert changed.layout == quantities.layout
 

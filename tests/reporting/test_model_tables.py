@@ -198,8 +198,8 @@ def test_actions_have_the_factors_of_their_kinds():
     actions = [jc.design.Action(name, kind, load) for name, kind in kinds.items()]
     combinations = jc.design.combinations(actions)
     ends = jc.solve(BRIDGE, PHASES["stays"])
-    cases = jc.design.solve_cases(BRIDGE, None, combinations.of_rule("ULS 6.10"), start=ends)
-    chosen = combinations.of_rule("ULS 6.10")
+    cases = jc.design.solve_cases(BRIDGE, None, combinations.select_rules("ULS 6.10"), start=ends)
+    chosen = combinations.select_rules("ULS 6.10")
     written = jc.report(BRIDGE, ends, cases=cases, combinations=chosen).tables
     found = {
         row["action"]: [row[name] for name in ("gamma", "psi0", "psi1", "psi2")]

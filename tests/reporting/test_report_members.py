@@ -394,7 +394,7 @@ def test_springs_and_bearings_are_among_the_reactions():
     group = jc.Beams([[0, 1]], section=SECTION)
     elements = {
         "beam": group,
-        "pad": jc.Bearings([1], 1e6),
+        "pad": jc.GroundContacts([1], 1e6),
         "soil": jc.Springs([0], (0.0, 0.0, 1e6), rotational_stiffness=(5e4, 0.0, 0.0)),
     }
     held = jc.restrained([0], "xy", "z") + jc.restrained([1], "y")

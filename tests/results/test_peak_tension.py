@@ -148,8 +148,8 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     cases = jc.report(structure, solution, cases=batch).tables["members"]
     assert [row[7] for row in cases.rows] == [row[7] for row in table.rows]
 
-    by_use = Snapshots(solution, structure, "utilization").of_state(solution.last).forces
-    by_tension = Snapshots(solution, structure).of_state(solution.last).forces
+    by_use = Snapshots(solution, structure, "utilization").at_state(solution.last).forces
+    by_tension = Snapshots(solution, structure).at_state(solution.last).forces
     assert by_use.value[0] == peak / STRENGTH
     assert by_tension.value[0] == mean  # colored by tension it is the mean
     told = {"tension": solution.tension}

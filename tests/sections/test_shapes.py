@@ -374,7 +374,7 @@ def test_strand_with_a_soft_core():
 
     @traced
     def both(section, e):
-        area, law = section.axial()
+        area, law = section.uniaxial()
         return area, section.forces(e, 0 * e, 0 * e)[0], area * law.stress_at(e)
 
     area, *pulls = both(section, e)

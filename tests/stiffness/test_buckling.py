@@ -196,7 +196,9 @@ def test_a_mast_between_catenaries():
     solution = jc.solve(structure, jc.Phase(loads=load), start=first)
     assert int(first.status) == int(solution.status) == 0
     factor = buckling_factor(structure, solution, first).factor[0]
-    before, after = (np.asarray(jc.stiffness.tangent_of(structure, s)) for s in (first, solution))
+    before, after = (
+        np.asarray(jc.stiffness.tangent_stiffness(structure, s)) for s in (first, solution)
+    )
     assert float(factor) == pytest.approx(lowest_root(before, after), rel=1e-9)  # condition 1e3
     # taut guys: 2 EA / L cos^2, P f / h of the mast; sag takes most of the rest
     length = np.hypot(20, 10)
@@ -325,7 +327,9 @@ def factors_of_determinant(structure, before, after):
 
     And how unsymmetric K is, relative to what the load has changed.
     """
-    first, second = (np.asarray(jc.stiffness.tangent_of(structure, x)) for x in (before, after))
+    first, second = (
+        np.asarray(jc.stiffness.tangent_stiffness(structure, x)) for x in (before, after)
+    )
     kappa = scipy.linalg.eigvals(second - first, first)
     real = kappa.real[(np.abs(kappa.imag) < 1e-3 * np.abs(kappa)) & (kappa.real < 0)]
     apart = np.abs(second - second.T).max() / np.abs(second - first).max()

@@ -108,7 +108,7 @@ def test_modes_of_two_links():
     flat = found.shapes.reshape(3, -1)
     assert (flat[np.arange(3), np.abs(flat).argmax(1)] > 0).all()
     # they are eigenvectors of the tangent, and the state serves as well as the solution
-    matrix = np.asarray(stiffness.tangent_of(structure, solution.last))
+    matrix = np.asarray(stiffness.tangent_stiffness(structure, solution.last))
     own = found.shapes[:, 1]
     assert np.abs(own @ matrix - found.stiffness[:, None] * own).max() < 1e-12 * expected[2]
     # a failed analysis has a last state, and no other
@@ -122,12 +122,12 @@ def test_supports_of_the_phase_that_the_state_belongs_to():
     held = jc.pinned([0, 2]) + jc.restrained([1], "y")
     phases = [jc.Phase(pretension=200.0, supports=held), jc.Phase(supports=jc.pinned([0, 2]))]
     solution = converged(jc.solve(structure, phases))
-    assert stiffness.tangent_of(structure, solution).shape == (3, 3)
+    assert stiffness.tangent_stiffness(structure, solution).shape == (3, 3)
     last = jc.common.tree.copy_with(
         solution.last, phase=jnp.int32(0)
     )  # as if the second one failed
-    assert stiffness.tangent_of(structure, last).shape == (2, 2)
-    both = stiffness.tangent_of(structure, last, fixed=np.zeros((3, 3), bool))
+    assert stiffness.tangent_stiffness(structure, last).shape == (2, 2)
+    both = stiffness.tangent_stiffness(structure, last, fixed=np.zeros((3, 3), bool))
     assert both.shape == (9, 9)
 
 

@@ -98,7 +98,7 @@ def test_added_masses_and_an_unstable_state():
     structure, phases = jc.scenes.von_mises_truss(load=100.0)
     solution = converged(jc.solve(structure, phases))
     found = frequencies(structure, solution, masses=10.0)
-    stiffness = float(jc.stiffness.tangent_of(structure, solution)[0, 0])
+    stiffness = float(jc.stiffness.tangent_stiffness(structure, solution)[0, 0])
     assert abs(float(found.frequency[0]) * 2 * np.pi - np.sqrt(stiffness / 10)) < 1e-9
     held = jc.replace(structure, supports=jc.pinned(range(3)))
     down = converged(jc.solve(held, [jc.Phase(loads=jc.SupportMovement([1], (0, 0, -0.1)))]))
@@ -173,7 +173,7 @@ def test_ropes_have_their_mass_where_they_have_slid():
     piece = np.linalg.norm(np.diff(solution.positions, axis=0), axis=1)
     part = 10.0 * float(solution.rest_length[0]) / 9.80665 * piece / piece.sum()
     inertia = np.diag(0.5 * (part[:-1] + part[1:]))
-    stiffness = np.asarray(jc.stiffness.tangent_of(structure, solution))
+    stiffness = np.asarray(jc.stiffness.tangent_stiffness(structure, solution))
     expected = np.sort(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)))
     found = frequencies(structure, solution, 2, masses=0.0).squared
     np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -1,10 +1,10 @@
-"""Free spins: straight pieces of beams that nothing keeps from turning about their line.
+"""Torsional mechanisms: straight lines of beams that can rotate freely about their own axis.
 
-A mast on a ball joint with guys at its axis can spin: no force, no strain and no node's position
-depends on the spin, but the tangent is singular. Such pieces are found on the host, from the
-geometry, and named in a warning. The analysis restrains one node of each piece softly if the spin
-is indeed without stiffness (`spaces.RotatingNodes.stabilize_free_spins`). Equilibrium is not
-affected: under a torque about the line no equilibrium exists.
+A mast on a ball joint with guys at its axis can rotate about it: no force, no strain and no node's
+position depends on this rotation, but the tangent is singular. Such lines are found on the host,
+from the geometry, and named in a warning. The analysis restrains one node of each line softly if
+the rotation is indeed without stiffness (`RotatingNodes.stabilize_torsional_mechanisms`).
+Equilibrium is not affected: under a torque about the line none exists.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _LINE_TOLERANCE = (
 )
 
 
-class FreeSpins:
-    """Straight lines of beams that nothing keeps from rotating about their own axis: static data.
+class TorsionalMechanisms:
+    """Straight lines of beams that nothing restrains in torsion; static data.
 
     Attributes:
         rows: rows of motion (nodes, hinged ends) that rotate with a line of beams, [m], NumPy.
@@ -49,12 +49,12 @@ class FreeSpins:
         return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, FreeSpins) and self._key == other._key
+        return isinstance(other, TorsionalMechanisms) and self._key == other._key
 
 
-def find_free_spins(
+def find_torsional_mechanisms(
     structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
-) -> FreeSpins | None:
+) -> TorsionalMechanisms | None:
     """Find lines of beams that can rotate freely about their axis; None if there are none.
 
     Args:
@@ -68,12 +68,12 @@ def find_free_spins(
     rows, piece, ends = [], [], []
     for members, turning in _torsion_chains(structure):
         line = _common_line(nodes, members)
-        if line is None or _is_spin_held(structure, nodes, turning, line, fixed, axes):
+        if line is None or _is_rotation_restrained(structure, nodes, turning, line, fixed, axes):
             continue
         rows += turning
         piece += [len(ends)] * len(turning)
         ends.append(line[1])
-    return FreeSpins(rows, piece, ends) if ends else None
+    return TorsionalMechanisms(rows, piece, ends) if ends else None
 
 
 def _torsion_chains(structure):
@@ -134,7 +134,7 @@ def _common_line(nodes, members):
     return along, (first, second)
 
 
-def _is_spin_held(structure, nodes, turning, line, fixed, axes):
+def _is_rotation_restrained(structure, nodes, turning, line, fixed, axes):
     """Return whether a support, another element or a rigid link keeps beams from spinning.
 
     Args:
@@ -142,7 +142,7 @@ def _is_spin_held(structure, nodes, turning, line, fixed, axes):
         nodes: positions, [n_node, 3], m.
         turning: rows of motion that rotate with the beams.
         line: direction of the beams and two nodes on it, as of `_common_line`.
-        fixed, axes: as of `find_free_spins`.
+        fixed, axes: as of `find_torsional_mechanisms`.
     """
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
@@ -161,30 +161,30 @@ def _is_spin_held(structure, nodes, turning, line, fixed, axes):
     return bool((np.abs(off) > _LINE_TOLERANCE * np.abs(nodes).max()).any())
 
 
-def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> None:
+def warn_of_torsional_mechanisms(structure: Any, fixed: Any, label: str = "supports") -> None:
     """Warn (`InputWarning`) of each line of beams that can rotate freely about its axis.
 
     Args:
         structure: `Structure`.
-        fixed: `supports.FixedDofs`, with its `spins`.
+        fixed: `supports.FixedDofs`, with its `mechanisms`.
         label: the supports as a user writes them, such as "phases[0].supports".
     """
-    for sentence, remedy in describe_free_spins(structure, fixed):
+    for sentence, remedy in describe_torsional_mechanisms(structure, fixed):
         checks.warn_user(f"{label}: {sentence}{'' if sentence.endswith('?') else ';'} {remedy}")
 
 
-def describe_free_spins(structure: Any, fixed: Any) -> Iterator[tuple[str, str]]:
+def describe_torsional_mechanisms(structure: Any, fixed: Any) -> Iterator[tuple[str, str]]:
     """Generate pairs of sentences for each line of beams that can spin: which one, and the remedy.
 
-    Arguments as of `warn_of_free_spins`.
+    Arguments as of `warn_of_torsional_mechanisms`.
     """
-    spins = fixed.spins
-    if spins is None:
+    mechanisms = fixed.mechanisms
+    if mechanisms is None:
         return
-    nodes: Any = checks.array_if_known(structure.nodes)  # known, because free spins were found
+    nodes: Any = checks.array_if_known(structure.nodes)  # known, because mechanisms were found
     held = fixed.array[:, :3].any(axis=1)
-    for number, (first, second) in enumerate(spins.ends.tolist()):
-        turning = spins.rows[spins.piece == number]
+    for number, (first, second) in enumerate(mechanisms.ends.tolist()):
+        turning = mechanisms.rows[mechanisms.piece == number]
         turning = turning[turning < structure.n_node]
         along = nodes[second] - nodes[first]
         along = np.round(along / np.linalg.norm(along), 6) + 0.0

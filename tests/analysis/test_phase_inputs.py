@@ -19,7 +19,7 @@ WAYS = (
     *("pretension", "force_density", "prestrain", "rest_length", "shortening", "temperature"),
     "jacking",
 )
-OF = {"jacking": "pretension"}  # which part of what `statements` returns, if it has another name
+OF = {"jacking": "pretension"}  # which part of what `inputs` returns, if it has another name
 
 
 def crossed(stiffness=1e5, nodes=None):
@@ -66,7 +66,7 @@ def in_all_ways(ratio):
 @pytest.mark.slow_cases("100.0")
 @pytest.mark.parametrize("ratio", [1e2, 1e5, 1e8])
 def test_each_way_gives_the_same_state(ratio):
-    """Stated from the state's own geometry: no movement, the same tensions and lengths.
+    """Prestress from the state's own geometry: no movement, the same tensions and lengths.
 
     A length has eps of its own size, which is eps EA/N of the tension.
     """

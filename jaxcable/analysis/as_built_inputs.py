@@ -1,4 +1,4 @@
-"""What phases state as built, read from the phases and checked."""
+"""As-built inputs, read from the phases and checked."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 from ..common import checks
 from ..common.rules import are_rules_kept
 from ..common.types import Array, Bool, Float, Int
-from ..elements.abilities import Sagging
+from ..elements.abilities import Hanging
 from ..loads import as_list
-from ..loads.load import Acting
+from ..loads.load import PersistentLoad
 from ..loads.varying import Varying
 from ..model.structure import Structure
+from .phase_inputs import AS_BUILT_INPUTS, may_have_as_built_inputs
 from .phases import Phase
-from .prestress_rules import statement_rules
+from .prestress_rules import phase_input_rules
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, may_state_as_built
 
 
-class Stated(NamedTuple):
-    """What a phase states as built of cables, or bars, of one group.
+class AsBuiltInput(NamedTuple):
+    """As-built input of a phase for some cables, or bars, of one group.
 
     Attributes:
         phase, group: indices.
         name: "end_tension", "horizontal_tension" or "built_sag".
-        given: how the phase states it, for messages: ``phases[0].jacking['guys']``.
+        given: how a user writes it, for messages: ``phases[0].jacking['guys']``.
         elements: the cables, [n], NumPy.
         values: stated values, [n], N or m.
         at_first: of end tensions, whether they are those of the first end, [n] bool.
@@ -56,7 +56,7 @@ def refuse_as_built(
         function: what does not take it, for the message.
         before: number of phases before these.
     """
-    stated = stated_as_built(structure, phases, before=before)
+    stated = find_as_built_inputs(structure, phases, before=before)
     if stated:
         raise ValueError(
             f"{stated[0].given}: {function} takes no prestress "
@@ -64,14 +64,14 @@ def refuse_as_built(
         )
 
 
-def stated_as_built(
+def find_as_built_inputs(
     structure: Structure,
     phases: Sequence[Phase],
     start: Solution | State | None = None,
     before: int = 0,
     straight: bool = False,
-) -> list[Stated]:
-    """Return what phases state as built of hanging cables.
+) -> list[AsBuiltInput]:
+    """Return the as-built inputs of all phases for hanging cables.
 
     Args:
         structure, phases, start: as for `solve`.
@@ -79,18 +79,18 @@ def stated_as_built(
         straight: whether end tensions of straight elements are meant, too.
 
     Raises:
-        ValueError: as of `Phase.statements`; a stated sag where no load acts along the cables.
+        ValueError: as of `Phase.inputs`; a stated sag where no load acts along the cables.
     """
     found = []
     loaded = start is not None or before > 0
     for k, phase in enumerate(phases):
         path = f"phases[{before + k}]."
         loaded = loaded or any(_acts_on_elements(load) for load in as_list(phase.loads))
-        statements = phase.statements(structure, path) if may_state_as_built(phase) else ()
-        for number, own in enumerate(statements):
+        inputs = phase.inputs(structure, path) if may_have_as_built_inputs(phase) else ()
+        for number, own in enumerate(inputs):
             cables: Any = structure.groups[number]
-            names: tuple[str, ...] = (*AS_BUILT_STATEMENTS, "jacking")
-            if not isinstance(cables, Sagging):
+            names: tuple[str, ...] = (*AS_BUILT_INPUTS, "jacking")
+            if not isinstance(cables, Hanging):
                 names = ("end_tension",) if straight else ()
             for name in names:
                 if name not in own:
@@ -98,7 +98,7 @@ def stated_as_built(
                 chosen = np.flatnonzero(own[name].element_mask())
                 xp = checks.numpy_or_jax(own[name].values)
                 values = xp.asarray(own[name].values, structure.nodes.dtype)[chosen]
-                rules = statement_rules(name, own[name], cables, structure.nodes, cables.capacity)
+                rules = phase_input_rules(name, own[name], cables, structure.nodes, cables.capacity)
                 allowed = are_rules_kept(rules)
                 given = path + name + structure.named_groups()[number][0]
                 if name == "built_sag" and not loaded:
@@ -109,13 +109,14 @@ def stated_as_built(
                     )
                 name = "end_tension" if name == "jacking" else name
                 first = _is_first_end(phase.tension_at, structure, cables, chosen)
-                found.append(Stated(k, number, name, given, chosen, values, first, allowed, loaded))
+                numbers = chosen, values, first, allowed
+                found.append(AsBuiltInput(k, number, name, given, *numbers, loaded))
     return found
 
 
 def _acts_on_elements(given):
     """Return whether a load of a phase acts on elements, not on nodes; also if it is `Varying`."""
-    return isinstance(given.load if isinstance(given, Varying) else given, Acting)
+    return isinstance(given.load if isinstance(given, Varying) else given, PersistentLoad)
 
 
 def _is_first_end(tension_at, structure, cables, chosen):
@@ -130,7 +131,9 @@ def _is_first_end(tension_at, structure, cables, chosen):
     return lower if tension_at == "lower" else ~lower
 
 
-def refuse_lengths_beyond_digits(stated: Sequence[Stated], m: Float[np.ndarray, " n"]) -> None:
+def refuse_lengths_beyond_digits(
+    stated: Sequence[AsBuiltInput], m: Float[np.ndarray, " n"]
+) -> None:
     """Raise ValueError for a stated number that asks for a length of no end.
 
     Args:
@@ -147,7 +150,7 @@ def refuse_lengths_beyond_digits(stated: Sequence[Stated], m: Float[np.ndarray, 
         )
 
 
-def describe_unmet(stated: Sequence[Stated], errors: Float[np.ndarray, " n"]) -> str:
+def describe_unmet(stated: Sequence[AsBuiltInput], errors: Float[np.ndarray, " n"]) -> str:
     """Return in words which stated number is farthest from what the search has found.
 
     Args:

@@ -1,6 +1,6 @@
-"""What a phase states of elements (statements): checked, and expanded to all of every group.
+"""Phase inputs, what a phase gives for elements: checked, and expanded to all of every group.
 
-Statements are a pretension, a temperature and others that `Phase` lists, and what only a class of
+Inputs are a pretension, a temperature and others that `Phase` lists, and what only a class of
 elements knows, such as the friction of a saddle.
 """
 
@@ -18,77 +18,77 @@ from ..common.rules import refuse_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import ArrayLike, Float, PyTree
 from ..elements.abilities import (
-    STATEMENTS,
-    Jacked,
+    PHASE_INPUTS,
+    Hanging,
+    Jackable,
     Prestressable,
-    Sagging,
-    components_of,
-    statements_of,
+    accepted_inputs,
+    component_names,
 )
 from ..elements.element import Element
-from ..elements.statement import StatedValues
+from ..elements.phase_input import InputValues
 from ..model import phase_plausibility
 from ..model.structure import Structure
 from ..programs.joining import broadcast
 from .group_values import describe_columns, is_single_number, value_per_group
-from .prestress_rules import statement_rules
+from .prestress_rules import phase_input_rules
 
-AS_BUILT_STATEMENTS = ("end_tension", "horizontal_tension", "built_sag")
-"""Statements of what holds in equilibrium, at the end of a phase (`as_built`)."""
-ABSOLUTE_STATEMENTS = (
+AS_BUILT_INPUTS = ("end_tension", "horizontal_tension", "built_sag")
+"""Inputs of what holds in equilibrium, at the end of a phase (`as_built`)."""
+ABSOLUTE_INPUTS = (
     *("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking"),
-    *AS_BUILT_STATEMENTS,
+    *AS_BUILT_INPUTS,
 )
-"""Statements that replace the prestress of an element."""
-INCREMENTAL_STATEMENTS = ("shortening", "temperature")
-"""Statements that change the prestress of an element."""
-CLASS_STATEMENTS = ("clamped",)
-"""Arguments of `Phase` that only classes take which declare a `Statement` of that name."""
+"""Inputs that replace the prestress of an element."""
+INCREMENTAL_INPUTS = ("shortening", "temperature")
+"""Inputs that change the prestress of an element."""
+CLASS_INPUTS = ("clamped",)
+"""Arguments of `Phase` that only classes take which declare a `PhaseInput` of that name."""
 
 
-def check_statements(
+def check_phase_inputs(
     given: dict[str, Any], structure: Structure, where: str = ""
-) -> list[dict[str, StatedValues]]:
+) -> list[dict[str, InputValues]]:
     """Check what a phase states of elements, and expand it to the elements of every group.
 
     Prestress that no cable bears gets a warning.
 
     Args:
-        given: statements by name, as `Phase` takes them.
+        given: inputs by name, as `Phase` takes them.
         structure: `Structure`.
-        where: what messages put before the name of a statement, such as "phases[0].".
+        where: what messages put before the name of an input, such as "phases[0].".
 
     Returns:
-        For every group a dict from name to `StatedValues`.
+        For every group a dict from name to `InputValues`.
 
     Raises:
-        ValueError: a group cannot take a statement, or two statements contradict each other.
+        ValueError: a group cannot take an input, or two inputs contradict each other.
     """
     named = structure.named_groups()
-    found: list[dict[str, StatedValues]] = [{} for _ in named]
+    found: list[dict[str, InputValues]] = [{} for _ in named]
     for name, values in given.items():
-        path = where + statement_path(name)
+        path = where + phase_input_label(name)
         by_group = _values_by_group(values, structure, name, path)
-        for statements, (key, group), value in zip(found, named, by_group, strict=True):
+        for inputs, (key, group), value in zip(found, named, by_group, strict=True):
             if value is not None:
-                statements[name] = _check_statement(value, group, name, path + key, structure)
-    for statements, (key, group) in zip(found, named, strict=True):
-        _require_compatible(statements, where, key, group)
-        for name, stated in statements.items():
-            if not components_of(group, name):
-                path = where + statement_path(name) + key
+                inputs[name] = _check_input_value(value, group, name, path + key, structure)
+    for inputs, (key, group) in zip(found, named, strict=True):
+        _require_compatible(inputs, where, key, group)
+        for name, stated in inputs.items():
+            if not component_names(group, name):
+                path = where + phase_input_label(name) + key
                 phase_plausibility.warn_of_prestress(name, stated, group, path, structure.nodes)
     return found
 
 
 def values_of_elements(
     given: PyTree[Any], structure: Structure, name: str
-) -> list[StatedValues | None]:
-    """Expand a statement to the elements of every group, None for groups that it does not concern.
+) -> list[InputValues | None]:
+    """Expand an input to the elements of every group, None for groups that it does not concern.
 
-    Arguments are those of `check_statements`; whether the values are plausible is not checked.
+    Arguments are those of `check_phase_inputs`; whether the values are plausible is not checked.
     """
-    path = statement_path(name)
+    path = phase_input_label(name)
     by_group = zip(
         structure.named_groups(), _values_by_group(given, structure, name, path), strict=True
     )
@@ -98,41 +98,41 @@ def values_of_elements(
     ]
 
 
-def statement_path(name: str) -> str:
-    """Return a statement as a user writes it in a phase: ``pretension``, ``own['clamped']``."""
-    return name if name in (*STATEMENTS, *CLASS_STATEMENTS) else f"own[{name!r}]"
+def phase_input_label(name: str) -> str:
+    """Return an input as a user writes it in a phase: ``pretension``, ``own['friction']``."""
+    return name if name in (*PHASE_INPUTS, *CLASS_INPUTS) else f"own[{name!r}]"
 
 
-def may_state_as_built(phase: Any, hangs: bool = True) -> bool:
+def may_have_as_built_inputs(phase: Any, hangs: bool = True) -> bool:
     """Return whether a phase may state as-built prestress, for which lengths have to be found.
 
     `hangs` says whether the structure has catenaries.
 
     The `jacking` of straight elements is a force that they keep, and nothing has to be found.
     """
-    names = (*AS_BUILT_STATEMENTS, *(("jacking",) if hangs else ()))
+    names = (*AS_BUILT_INPUTS, *(("jacking",) if hangs else ()))
     return any(getattr(phase, name) is not None for name in names)
 
 
-def concerns_weight(phase: Any) -> bool:
+def depends_on_weight(phase: Any) -> bool:
     """Return whether a phase has loads, or states what depends on a weight: a sag, or as built."""
-    return any(getattr(phase, name) is not None for name in ("loads", "sag", *AS_BUILT_STATEMENTS))
+    return any(getattr(phase, name) is not None for name in ("loads", "sag", *AS_BUILT_INPUTS))
 
 
-def end_tensions_as_jacks(
-    structure: Structure, statements: list[dict[str, StatedValues]]
-) -> list[dict[str, StatedValues]]:
-    """Return statements by group; an end tension of straight elements becomes that of a jack."""
+def end_tensions_as_jacking(
+    structure: Structure, inputs: list[dict[str, InputValues]]
+) -> list[dict[str, InputValues]]:
+    """Return inputs by group; an end tension of straight elements becomes that of a jack."""
     return [
-        own if isinstance(group, Sagging) else _end_tension_as_jack(own)
-        for group, own in zip(structure.groups, statements, strict=True)
+        own if isinstance(group, Hanging) else _end_tension_as_jacking(own)
+        for group, own in zip(structure.groups, inputs, strict=True)
     ]
 
 
-def _end_tension_as_jack(own):
-    """Return the statements of a group of straight elements with "end_tension" as "jacking".
+def _end_tension_as_jacking(own):
+    """Return the inputs of a group of straight elements with "end_tension" as "jacking".
 
-    `own` is a dict from name to `StatedValues`; both statements are joined if there are both.
+    `own` is a dict from name to `InputValues`; both inputs are joined if there are both.
     """
     if "end_tension" not in own:
         return own
@@ -141,18 +141,18 @@ def _end_tension_as_jack(own):
     if "jacking" in own:  # of other elements: neither is of all
         of_end, of_jack = (np.asarray(x.chosen) for x in (end, own["jacking"]))
         values = jnp.where(of_end, end.values, own["jacking"].values)
-        end = StatedValues(values, of_end | of_jack)
+        end = InputValues(values, of_end | of_jack)
     return found | {"jacking": end}
 
 
 def _values_by_group(given, structure, name, path):
-    """Assign what is `given` for the statement `name` to the groups: an item per group, or None.
+    """Assign what is `given` for the input `name` to the groups: an item per group, or None.
 
-    ValueError, which begins with `path`, if no group has the statement, or keys are unknown.
+    ValueError, which begins with `path`, if no group has the input, or keys are unknown.
     """
     groups = structure.groups
-    if name not in STATEMENTS:
-        _require_known_statement(name, path, groups)
+    if name not in PHASE_INPUTS:
+        _require_known_input(name, path, groups)
     if any(map(_is_sag, jax.tree.leaves(given, is_leaf=_is_sag))):
         raise ValueError(f"{path}: got a Sag of results.sags; give the `midspan` of it, a number")
     if is_single_number(given):
@@ -165,34 +165,34 @@ def _is_sag(given):
     return hasattr(given, "midspan")
 
 
-def _require_known_statement(name, path, groups):
-    """Raise ValueError if no group can take a statement called `name`."""
-    known = {statement: type(group) for group in groups for statement in statements_of(group)}
+def _require_known_input(name, path, groups):
+    """Raise ValueError if no group can take an input called `name`."""
+    known = {phase_input: type(group) for group in groups for phase_input in accepted_inputs(group)}
     if name not in known:
-        own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in STATEMENTS]
+        own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in PHASE_INPUTS]
         others = f"; there are {', '.join(own)}" if own else ""
-        raise ValueError(f"{path}: no group of the structure has a statement {name!r}{others}")
+        raise ValueError(f"{path}: no group of the structure has an input {name!r}{others}")
 
 
-def _require_compatible(statements, where, key, group):
-    """Raise ValueError if two statements for the same element of a group contradict each other.
+def _require_compatible(inputs, where, key, group):
+    """Raise ValueError if two inputs for the same element of a group contradict each other.
 
-    `key` is that of the group in the elements, as text; `where` as in `check_statements`.
+    `key` is that of the group in the elements, as text; `where` as in `check_phase_inputs`.
     """
-    absolute = [name for name in statements if name in ABSOLUTE_STATEMENTS]
+    absolute = [name for name in inputs if name in ABSOLUTE_INPUTS]
     for number, name in enumerate(absolute):
         for other in absolute[:number]:
-            if (both := _describe_overlap(statements[name], statements[other], key)) is None:
+            if (both := _describe_overlap(inputs[name], inputs[other], key)) is None:
                 continue
             raise ValueError(
                 f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
                 "give them to different elements by only(elements, values)"
             )
-    kept = () if isinstance(group, Sagging) else ("jacking", "end_tension")
-    for force, name in itertools.product(kept, INCREMENTAL_STATEMENTS):
-        if force not in statements or name not in statements:
+    kept = () if isinstance(group, Hanging) else ("jacking", "end_tension")
+    for force, name in itertools.product(kept, INCREMENTAL_INPUTS):
+        if force not in inputs or name not in inputs:
             continue
-        both = _describe_overlap(statements[name], statements[force], key)
+        both = _describe_overlap(inputs[name], inputs[force], key)
         if both is not None:
             raise ValueError(
                 f"{where}{force}, {name}: a jack keeps the force of {both} in this phase; give "
@@ -201,7 +201,7 @@ def _require_compatible(statements, where, key, group):
 
 
 def _describe_overlap(one, other, key):
-    """Return in words the first element of a group that two statements concern; None without.
+    """Return in words the first element of a group that two inputs concern; None without.
 
     `key` is that of the group in the elements, as text.
     """
@@ -219,44 +219,44 @@ def _skips_single_number(group, name, structure):
     """
 
     def takes(any_group):
-        return name in statements_of(any_group)
+        return name in accepted_inputs(any_group)
 
     def differs(any_group):  # its numbers mean something else than those of cables and bars
-        return any_group.rotates or bool(components_of(any_group, name))
+        return any_group.rotates or bool(component_names(any_group, name))
 
     if not takes(group):
         return any(map(takes, structure.groups))
-    if name not in STATEMENTS:
+    if name not in PHASE_INPUTS:
         return False
     mixed = any(takes(other) and not differs(other) for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
     return differs(group) and mixed and not warms
 
 
-def _check_statement(
+def _check_input_value(
     value: Any, group: Element, name: str, path: str, structure: Structure
-) -> StatedValues:
-    """Check the value of a statement for a group, and return it as `StatedValues`.
+) -> InputValues:
+    """Check the value of an input for a group, and return it as `InputValues`.
 
     Raises:
-        ValueError: the group cannot take it; the message begins with `path`, the statement and the
+        ValueError: the group cannot take it; the message begins with `path`, the input and the
             key of the group as a user writes them.
     """
     if isinstance(value, Selection):
         raise ValueError(f"{path}: only(...) has no values here; give only(elements, values)")
     _require_ability(group, name, path, structure)
     stated = _expand_to_elements(value, group, name, path)
-    refuse_if_broken(statement_rules(name, stated, group, structure.nodes, group.capacity, path))
+    refuse_if_broken(phase_input_rules(name, stated, group, structure.nodes, group.capacity, path))
     return stated
 
 
 def _expand_to_elements(value, group, name, path):
-    """Expand the value of a statement to all elements of a group, as `StatedValues`.
+    """Expand the value of an input to all elements of a group, as `InputValues`.
 
     It may be one number, numbers [n_elem] (with components [n_elem, n_component]), or `Only`.
     ValueError, which begins with `path`, for other shapes.
     """
-    count, components = len(group.links), components_of(group, name)
+    count, components = len(group.links), component_names(group, name)
     chosen = None
     if isinstance(value, Only):
         chosen = value.element_mask(count, path)
@@ -264,21 +264,21 @@ def _expand_to_elements(value, group, name, path):
         value = Only(value.elements, given).merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    return StatedValues(value, chosen)
+    return InputValues(value, chosen)
 
 
 def _require_ability(group, name, path, structure):
-    """Raise ValueError unless the class of a group can take a statement called `name`."""
-    known, kind = statements_of(group), type(group).__name__
-    if name not in known and name not in STATEMENTS:
-        having = [type(g).__name__ for g in structure.groups if name in statements_of(g)]
+    """Raise ValueError unless the class of a group can take an input called `name`."""
+    known, kind = accepted_inputs(group), type(group).__name__
+    if name not in known and name not in PHASE_INPUTS:
+        having = [type(g).__name__ for g in structure.groups if name in accepted_inputs(g)]
         kinds = ", ".join(dict.fromkeys(having))
-        raise ValueError(f"{path}: a statement of {kinds}; this group is made of {kind}")
+        raise ValueError(f"{path}: an input of {kinds}; this group is made of {kind}")
     if not isinstance(group, Prestressable):
         raise ValueError(f"{path}: a group of {kind} cannot be prestressed")
     if name not in known:
         raise ValueError(f"{path}: {kind} have no {name}; they take {', '.join(known)}")
-    hangs = isinstance(group, Sagging)
+    hangs = isinstance(group, Hanging)
     if name in ("sag", "built_sag") and (not hangs or group.weight is None):
         raise ValueError(
             f"{path}: only catenaries with a weight can have a stated sag; for a chain of straight "
@@ -289,7 +289,7 @@ def _require_ability(group, name, path, structure):
             f"{path}: only catenaries have a stated horizontal tension; {kind} pull along their "
             "chord, give end_tension"
         )
-    if name in ("jacking", "end_tension") and not (hangs or isinstance(group, Jacked)):
+    if name in ("jacking", "end_tension") and not (hangs or isinstance(group, Jackable)):
         raise ValueError(f"{path}: {kind} cannot be jacked")
     if name == "temperature" and group.expansion is None:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""`Statement`: what a phase can state of elements; `StatedValues`: the values for one group."""
+"""`PhaseInput`: a quantity that a phase can give elements; `InputValues`: values for one group."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..common.types import Array, ArrayLike, Bool, Float
 
 
 @dataclasses.dataclass(frozen=True)
-class Statement:
-    """Declaration of a quantity that a phase can state for elements, such as a pretension.
+class PhaseInput:
+    """Declaration of a quantity that a phase can give for elements, such as a pretension.
 
     Attributes:
-        name: name of the statement; phases, files and messages use it, too.
+        name: name in phases, files and messages.
         unit: unit of its numbers.
         ramped: whether its effect grows with the load factor. Otherwise it holds from the beginning
             of the phase, such as a clamp that is closed.
@@ -33,26 +33,26 @@ class Statement:
 
 
 @pytree
-class StatedValues:
-    """Values of one statement, such as a pretension, that a phase has for a group of elements.
+class InputValues:
+    """Values of one phase input, such as a pretension, for the elements of a group.
 
     Attributes:
-        values: stated values, [n_elem], or [n_elem, n_component] (`Prestressable.components`); zero
-            for elements that the statement does not concern.
-        chosen: the elements that the statement concerns, [n_elem] bool; None for all.
+        values: given values, [n_elem], or [n_elem, n_component] (`Prestressable.components`); zero
+            for elements that the input does not concern.
+        chosen: the elements that the input concerns, [n_elem] bool; None for all.
     """
 
     values: Float[ArrayLike, "n_elem ..."]
     chosen: Bool[ArrayLike, " n_elem"] | None = None
 
     def element_mask(self) -> Bool[np.ndarray, " n_elem"]:
-        """Return which elements a known statement concerns, [n_elem], a new NumPy array."""
+        """Return which elements a known input concerns, [n_elem], a new NumPy array."""
         return np.ones(len(self.values), bool) if self.chosen is None else np.array(self.chosen)
 
     def select(
         self, new: Float[ArrayLike, "n_elem ..."], old: Float[ArrayLike, "n_elem ..."]
     ) -> Float[Array, "n_elem ..."]:
-        """Return `new` for the elements that the statement concerns, and `old` for all others."""
+        """Return `new` for the elements that the input concerns, and `old` for all others."""
         if self.chosen is None:
             return new
         chosen = jnp.reshape(self.chosen, (-1, *(1,) * (jnp.ndim(new) - 1)))
