@@ -545,8 +545,8 @@ stated(ROPES, clamped={"rope": [1, 0, 0]})
 stated(ROPES, clamped={"rope": [[1], [0]]})  # phases[0].clamped['rope']: ... got shape (2, 1)
 stated(ROPES, clamped={"rope": [1, 0.5]})  # phases[0].clamped['rope'][0, 1] = 0.5: a clamp is open
 stated(ROPES, clamped={"net": 1})
-    # phases[0].clamped['net']: a statement of FrictionCables; this group is made of Cables
-stated(clamped=1)  # phases[0].clamped: no group of the structure has a statement 'clamped'
+    # phases[0].clamped['net']: an input of FrictionCables; this group is made of Cables
+stated(clamped=1)  # phases[0].clamped: no group of the structure has an input 'clamped'
 Phase(end_tension=1.0, tension_at="top")
     # tension_at = 'top': expected one of lower, upper, first, second
 stated(pretension=[10.0, -10.0, 10.0])
