@@ -152,8 +152,9 @@ class _SearchState(NamedTuple):
         sign: of the slips, [n - 1].
         before, tension: elongations and mean tensions of the step before, [n], m and N.
         ratio: by how much faster the elongations change with tension than those of shallow cables.
+        deep: where the tension rises with the length, [n].
         moved: largest change of an elongation in this step, m.
-        runs_away: whether a segment slips whose tension rises with its length.
+        runs_away: whether a deep segment slips.
         steps: their number.
     """
 
@@ -162,6 +163,7 @@ class _SearchState(NamedTuple):
     before: Float[Array, " n"]
     tension: Float[Array, " n"]
     ratio: Float[Array, " n"]
+    deep: Bool[Array, " n"]
     moved: Scalar
     runs_away: Bool[Array, ""]
     steps: Int[Array, ""]
@@ -195,14 +197,14 @@ def _find_slips(segments):
         moved = jnp.max(jnp.abs(new - s.elongation))
         runs_away = jnp.any(changes & deep)
         last = s.elongation, shape.tension
-        return _SearchState(new, sign, *last, ratio, moved, runs_away, s.steps + 1)
+        return _SearchState(new, sign, *last, ratio, deep, moved, runs_away, s.steps + 1)
 
     def unfinished(s):
         return (s.moved > 2 * eps) & (s.steps < _MAX_SEARCHES)
 
     one, far = jnp.ones_like(alone), jnp.full_like(eps, jnp.inf)
     start = _SearchState(
-        *(alone, jnp.zeros_like(alone[1:]), alone, stuck, one, far),
+        *(alone, jnp.zeros_like(alone[1:]), alone, stuck, one, jnp.zeros_like(real), far),
         *(jnp.zeros((), bool), jnp.int32(0)),
     )
     end = lax.while_loop(unfinished, step, start)
@@ -219,9 +221,9 @@ def _secant_ratio(segments, s, tension):
     precise = jnp.sqrt(jnp.finfo(change.dtype).eps) * segments.length
     counts = (jnp.abs(change) > precise) & (jnp.abs(expected) > precise)
     secant = change / jnp.where(counts, expected, 1.0)
-    deep = counts & (secant < 0)
     limited = jnp.clip(secant, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
-    return jnp.where(counts & ~deep, limited, s.ratio), deep
+    rises = counts & (secant > 0)
+    return jnp.where(rises, limited, s.ratio), jnp.where(counts, secant < 0, s.deep)
 
 
 def _near_elongations(segments, elongation, tension, ratio, new):

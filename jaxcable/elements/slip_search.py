@@ -85,7 +85,8 @@ def _reach_before(later, drops, ratio):
     """
     start = later + drops[1]
     low = jnp.where(ratio < jnp.inf, start / ratio + drops[0], -jnp.inf)
-    return low, start * ratio + drops[0]
+    # a tension below the drop would be negative at an end
+    return low, jnp.maximum(start * ratio + drops[0], jnp.abs(drops[0]))
 
 
 def _best_tensions(segments, growth, drop):
