@@ -29,15 +29,22 @@ from .friction import (
     segment_tensions,
     slips,
 )
-from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
+from .friction_state import (
+    CLAMP_FORCE,
+    FRICTION_USED,
+    SEGMENT_TENSION,
+    SLIP,
+    FrictionState,
+    open_or_closed,
+)
 from .phase_input import InputValues, PhaseInput
 from .prestress import AxialState
-from .sliding import SlidingCables, moved_segments_with_lengths, segment_length_changes
-
-
-def _open_or_closed(name, values):
-    """Return the rule that a clamp is open or closed."""
-    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
+from .sliding import (
+    SlidingCables,
+    forces_of_segments,
+    moved_segments_with_lengths,
+    segment_length_changes,
+)
 
 
 @pytree(indices=("links",), kw_only=True)
@@ -105,7 +112,7 @@ class FrictionCables(SlidingCables):
     )
     phase_inputs = (
         *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
-        PhaseInput("clamped", "-", ramped=False, rules=(_open_or_closed,)),
+        PhaseInput("clamped", "-", ramped=False, rules=(open_or_closed,)),
     )
     per_element = (  # type: ignore[assignment]  # three more
         *SlidingCables.per_element,
@@ -371,7 +378,7 @@ class FrictionCables(SlidingCables):
         """Return the internal force of one cable at every node, sliding load included, N."""
         segment, length = moved_segments_with_lengths(ends, motion)
         density = self.segment_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
-        force = _forces_of_segments(density[:, None] * segment)
+        force = forces_of_segments(density[:, None] * segment)
         if state.line_load is None:
             return force
         return force - self.sliding_load_forces(state, ends, motion)
@@ -397,15 +404,7 @@ class FrictionCables(SlidingCables):
         rate = elongations_and_rates(segments, found.tension)[1]
         moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
         force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
-        return jnp.abs(_forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
-
-
-def _forces_of_segments(pull, sign=-1.0):
-    """Return the forces at the nodes of one cable from the vectors of its tensions, [n_end, 3], N.
-
-    A vector is added at the end of its segment, and at the start multiplied by `sign`.
-    """
-    return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
+        return jnp.abs(forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
 
 
 def _thermal_stretch(state):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..common.rules import Rule
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from .element import Result
@@ -34,3 +35,8 @@ class FrictionState(AxialState):
     clamped: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
     fed_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
     initial_slip: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
+
+
+def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
+    """Return the rule that a clamp is open or closed."""
+    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")

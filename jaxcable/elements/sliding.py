@@ -118,8 +118,7 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
         """Return the internal force of one cable at every node, sliding load included, N."""
         piece, length = moved_segments_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
-        pull = self.tension(state, ends, motion) * unit
-        force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
+        force = forces_of_segments(self.tension(state, ends, motion) * unit)
         return (
             force
             if state.line_load is None
@@ -172,7 +171,7 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
         pull = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * unit
-        return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
+        return forces_of_segments(pull, 1.0)
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
@@ -208,6 +207,14 @@ def moved_segments_with_lengths(ends, motion):
     cost no digits.
     """
     return _vectors_with_lengths(_successive_differences(ends) + _successive_differences(motion))
+
+
+def forces_of_segments(pull: Float[Array, "n 3"], sign: float = -1.0) -> Forces:
+    """Return the forces at the nodes of one cable from the vectors of its tensions, [n_end, 3], N.
+
+    A vector is added at the end of its segment, and at the start multiplied by `sign`.
+    """
+    return jnp.pad(pull, ((1, 0), (0, 0))) + sign * jnp.pad(pull, ((0, 1), (0, 0)))
 
 
 def _successive_differences(places):

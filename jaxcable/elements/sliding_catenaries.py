@@ -16,7 +16,7 @@ from .friction import slips
 from .friction_cables import FrictionCables
 from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
 from .hanging_friction import HangingSegments, hanging_tensions, shallow_elongations
-from .sliding import moved_segments_with_lengths
+from .sliding import forces_of_segments, moved_segments_with_lengths
 
 END_TENSIONS = Result("end_tensions", "N", ("first", "last"))
 """Tensions at the first and the last end of every segment, [n_segment, 2]; 0 for fillers."""
@@ -132,7 +132,7 @@ class SlidingCatenaries(FrictionCables):
         The sum of a pair is the load on the segment.
         """
         segments, _, shape = self._solve_shape(state, ends, motion)
-        half = 0.5 * shape.unstressed[:, None] * segments.load
+        half = 0.5 * shape.unstressed[:, None] * segments.load[None]
         return jnp.concatenate([half + shape.force, half - shape.force], axis=1)
 
     def segment_length(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
@@ -171,19 +171,18 @@ class SlidingCatenaries(FrictionCables):
         hangs under the load of its present segments.
         """
         segments, _, shape = self._solve_shape(state, ends, motion)
-        half = 0.5 * shape.unstressed[:, None] * segments.load
-        first, last = shape.force + half, shape.force - half
-        force = jnp.pad(last, ((1, 0), (0, 0))) - jnp.pad(first, ((0, 1), (0, 0)))
-        share = self.split_among_ends(jnp.ones((1,), segments.length.dtype), ends[None])[0]
-        return force + share[:, None] * (state.rest_length * segments.load)
+        return forces_of_segments(shape.force) - self._moved_load(state, ends, segments, shape)
 
     def sliding_load_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return nodal forces of the load of one cable minus its initial shares, N."""
         segments, _, shape = self._solve_shape(state, ends, motion)
-        half = 0.5 * shape.unstressed
-        now = jnp.pad(half, (1, 0)) + jnp.pad(half, (0, 1))
-        share = self.split_among_ends(jnp.ones((1,), half.dtype), ends[None])[0]
-        return (now - share * state.rest_length)[:, None] * segments.load
+        return self._moved_load(state, ends, segments, shape)
+
+    def _moved_load(self, state, ends, segments, shape):
+        """Return half the loads of present segments at their ends, minus initial shares, N."""
+        now = forces_of_segments(0.5 * shape.unstressed[:, None], 1.0)
+        share = self.split_among_ends(jnp.ones((1,), now.dtype), ends[None])[0]
+        return (now - state.rest_length * share[:, None]) * segments.load[None]
 
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return energy and potential of the load of one cable, less that of its shares, J.
@@ -212,5 +211,4 @@ class SlidingCatenaries(FrictionCables):
         rate = shallow_elongations(segments, found.tension)[1]
         moved = 8 * jnp.finfo(rate.dtype).eps * jnp.max(jnp.abs(motion))
         force = jnp.where(real, moved / jnp.where(real, rate * segments.length, 1.0), 0.0)
-        force = force[:, None] * jnp.abs(segments.chord)
-        return jnp.pad(force, ((1, 0), (0, 0))) + jnp.pad(force, ((0, 1), (0, 0)))
+        return forces_of_segments(force[:, None] * jnp.abs(segments.chord), 1.0)

@@ -253,7 +253,8 @@ def warn_if_all_nodes_held(
         fixed: True where a degree of freedom is held, [n_row, 3 or 6].
         groups: element groups of the structure.
     """
-    if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
+    own = [g.shaped_by_load and (g.has_memory or not g.slides) for g in groups]  # or with friction
+    if fixed.all() and not any(own):
         yield (
             f"phases[{number}].supports: every node is held, so that nothing can move; give "
             "pinned(nodes) the numbers of the anchors only"

@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis.results import Results
 from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
 from ..common.types import Bool, Float, Int
+from ..elements.sliding_catenaries import SlidingCatenaries
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
 from ..model.result_parts import (
     active_nodes,
@@ -266,7 +267,11 @@ def equilibrium_table(of: ReportedAnalysis) -> Table:
 
     error = np.abs((load + reactions).sum(0)).max()
     notes = [note("unbalanced force", error, "N", "the sum of all forces", size)]
-    if not any(group.shaped_by_load and not group.slides for group in structure.groups):
+    hang = (
+        g.shaped_by_load and (not g.slides or isinstance(g, SlidingCatenaries))
+        for g in structure.groups
+    )
+    if not any(hang):
         moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
         extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
         what, beside = (
