@@ -6,7 +6,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(CON
 NIGHTLY := https://us-python.pkg.dev/ml-oss-artifacts-published/jax/simple/
 
 # scripts in experiments/ that `make studies` runs, two at a time, and then the one that takes times
-STUDIES := accession_curves bar_bank unsymmetric_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
+STUDIES := accession_curves bar_bank unsymmetric_bank contact_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 
 .PHONY: demo check test test-all test-more test-lowest test-nightly lint studies site site-test \
 	notebooks notebooks-test dist test-dist check-tag clean

@@ -15,8 +15,16 @@ the exact penalty of the constraint l = L(N) in the sense of sequential quadrati
 which p is a descent direction where the matrix is positive definite. At the end N^ = N, and the
 iteration is Newton's.
 
-Predicted forces can cycle, for example where a contact opens and closes: every 40 such steps are
-followed by 10 of Newton's own with the line search on true forces.
+Contacts press only. A step sideways lengthens them, too, so that a contact opens which stays closed
+by the linear equations of the step: without it the next step is that of another structure. An open
+contact with a predicted compression is a spring in the next step, which pulls it closed again: the
+one that it was when it was last closed, with its force k (l - l_0) in R, at the length l_0 of
+opening. It is left out where such a step was not accepted. The line search sees contacts as they
+are, and never cuts their compression, because no step sideways makes any: cut off, what closes
+within a step would be missing in the search.
+
+Predicted forces can cycle: every 40 such steps are followed by 10 of Newton's own with the line
+search on true forces.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -41,7 +49,7 @@ from ..mechanics.chords import (
     second_minus_first_end,
     tension_only_chords,
 )
-from ..spaces.space import Forces
+from ..spaces.space import Forces, Motion, Step
 
 _CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
 # Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
@@ -59,17 +67,23 @@ class PredictedForces:
         force: predicted axial forces, [n], N; tension positive.
         cut_off: size up to which the line search counts axial forces, [n], N.
         is_known: whether the last step has predicted forces; if not, current ones are used.
+        springs: what contacts are as long as they are closed: derivatives of their forces by their
+            lengths, N/m, and the lengths at which they open, m, [n] each; derivatives are zero
+            where an element is no contact, or was open. None without contacts.
     """
 
     force: Float[Array, " n"]
     cut_off: Float[Array, " n"]
     is_known: Bool[Array, ""]
+    springs: tuple[Float[Array, " n"], Float[Array, " n"]] | None
 
     @classmethod
     def initial(cls, system: System, dtype: DTypeLike) -> PredictedForces:
         """Return the state before any force is predicted: nothing known, nothing cut off."""
-        n = len(tension_only_chords(system.groups))
-        return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
+        n, presses = len(tension_only_chords(system.groups)), compression_only_chords(system.groups)
+        none = jnp.zeros(n, dtype)
+        springs = (none, none) if presses.any() else None
+        return cls(none, jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool), springs)
 
     def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
         """Return the parts of axial forces that the line search ignores, beyond its cut-off, N."""
@@ -78,6 +92,37 @@ class PredictedForces:
     def geometric_forces(self, chords: Chords, predicting: Bool[Array, ""]) -> Float[Array, " n"]:
         """Return axial forces for the geometric stiffness, [n], N: predicted if `predicting`."""
         return jnp.where(predicting & self.is_known, self.force, chords.force)
+
+    def hold_contacts_closed(
+        self,
+        system: System,
+        x: Motion,
+        chords: Chords,
+        tangents: Sequence[Float[Array, "n_elem d d"]],
+        predicting: Bool[Array, ""],
+    ) -> tuple[Chords, Sequence[Float[Array, "n_elem d d"]], Step | None]:
+        """Return `Chords.with_springs` in contacts that are open but have a predicted compression.
+
+        Without contacts chords and tangents are returned as they are, and None. Arguments are those
+        of `after_step`, and the motion `x` before the step.
+        """
+        if self.springs is None:
+            return chords, tangents, None
+        slope, length = self.springs
+        held = predicting & self.is_known & (self.force < 0) & (chords.force == 0)
+        slope = jnp.where(held, slope, 0.0)
+        force = jnp.where(held, slope * (chords.length - length), 0.0)
+        return chords.with_springs(system, x, tangents, force, slope)
+
+    def after_trial(self, accepted: Bool[Array, ""], moved: Bool[Array, ""]) -> PredictedForces:
+        """Return a copy that holds no contact closed after a step that was not accepted.
+
+        Arguments are those of `StepMethod.choose`.
+        """
+        if self.springs is None:
+            return self
+        slope, length = self.springs
+        return copy_with(self, springs=(jnp.where(accepted | ~moved, slope, 0.0), length))
 
     def for_step(
         self, system: System, force: Float[Array, " n"], predicting: Bool[Array, ""]
@@ -91,11 +136,13 @@ class PredictedForces:
         """
         least = np.where(tension_only_chords(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
-        presses = compression_only_chords(system.groups)
-        if presses.any():
-            force = jnp.minimum(force, np.where(presses, 0.0, np.inf).astype(force.dtype))
         load = jnp.max(system.space.force_norm(system.load))
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
+        presses = compression_only_chords(system.groups)
+        if presses.any():
+            force = jnp.where(presses, jnp.minimum(force, 0.0), force)
+            # steps sideways lengthen: no compression comes from them
+            cut_off = jnp.where(presses, jnp.inf, cut_off)
         cut_off = jnp.where(predicting, cut_off, jnp.inf)
         return copy_with(self, force=force, cut_off=cut_off, is_known=predicting)
 
@@ -121,8 +168,12 @@ class PredictedForces:
         """
         apart = second_minus_first_end(system, row_step)
         longer = chords.linearized_elongation(apart)
-        force = chords.forces_after_step(system, tangents, row_step, longer)
+        force, slope = chords.forces_after_step(system, tangents, row_step, longer)
         predicted = self.for_step(system, force, predicting)
+        if self.springs is not None:
+            slope = jnp.where(compression_only_chords(system.groups), jnp.maximum(slope, 0.0), 0.0)
+            length = chords.length - chords.force / jnp.where(slope > 0, slope, jnp.inf)
+            predicted = copy_with(predicted, springs=(slope, length))
         fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
         fraction = jnp.where(predicting, fraction, 1.0)
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

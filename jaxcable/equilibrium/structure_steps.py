@@ -69,12 +69,18 @@ class StepMatrix(NamedTuple):
             forces change in the step; None where no element has a chord.
         cable_equations: linear equations of the cables beside other elements, whose slopes the
             matrix has; None where there is no such cable.
+        chords: `Chords` with the forces of the springs that hold contacts closed
+            (`predicted_forces`); None where no element has a chord.
+        springs: internal force of these springs at every unknown, [n_free], N; None where there are
+            no contacts.
     """
 
     matrix: Matrix
     predicting: Bool[Array, ""] | None
     tangents: list[Float[Array, "n_elem d d"]] | None
     cable_equations: LengthBoundEquations | None
+    chords: Chords | None
+    springs: Float[Array, " n_free"] | None
 
 
 class StructureSteps(StepMethod):
@@ -151,12 +157,15 @@ class StructureSteps(StepMethod):
         first_shift, again = LevenbergShift.initial(x.dtype), no
         shift = own.shift.update(trial.accepted, trial.fraction)
         shift, full_steps = select_tree(moved, shift, own.shift), own.full_steps
+        predicted = own.predicted
+        if predicted is not None:
+            predicted = predicted.after_trial(trial.accepted, moved)
         if full_steps is not None:
             given = trial.accepted, reach, state.steps, self.extent, converged
             new, again = full_steps.update(*given)
             full_steps, again = select_tree(moved, new, full_steps), moved & again
             x, shift = select_tree(again, (self.begin, first_shift), (x, shift))
-        unknowns, predicted = own.unknowns, own.predicted
+        unknowns = own.unknowns
         if unknowns is not None:
             may_switch = moved & ~converged & ~unknowns.uses_line_search
             astray = reach > ASTRAY * self.extent
@@ -184,12 +193,15 @@ class StructureSteps(StepMethod):
         fraction: Float[ArrayLike, ""] = 1.0
         if own.full_steps is not None:
             is_full = own.full_steps.is_on & ~converged
-        matrix, predicting, tangents, equations = self._matrix(state, is_full, converged)
+        given = self._matrix(state, is_full, converged)
+        matrix, predicting, tangents, equations, chords, springs = given
         rhs, unknowns, predicted = -point.residual, own.unknowns, own.predicted
         similar = system.convex
         if unknowns is not None:
             rhs, similar = equations.rhs, similar & ~unknowns.has_interior_matrix
             is_full = is_full | unknowns.takes_interior_or_finishing_steps
+        if springs is not None:
+            rhs = rhs - springs
         matrix = cond_in_batch(
             converged, lambda m: with_loose_nodes_held(system, m, point.x), matrix
         )
@@ -198,7 +210,6 @@ class StructureSteps(StepMethod):
         slope = point.residual @ step
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
-            chords = point.elements[1]
             predicted, fraction, cut = predicted.after_step(
                 system, chords, row_step, tangents, predicting
             )
@@ -234,7 +245,8 @@ class StructureSteps(StepMethod):
         """
         system, own, x, partial_net = self.system, state.strategy, state.point.x, self.partial_net
         tangents, chords = state.point.elements
-        size, predicting, known, cables = max_abs(state.point.residual), None, None, None
+        size, predicting, known = max_abs(state.point.residual), None, None
+        cables, springs = None, None
         if partial_net is not None:
             unknowns = own.unknowns.with_mixed_mode_if(converged)
             given = x, tangents, unknowns, state.point.residual, self.length
@@ -248,6 +260,8 @@ class StructureSteps(StepMethod):
             if partial_net is not None:
                 forces = partial_net.geometric_forces(forces, chords.force, unknowns)
             tangents = system.tangents(x, tangents)
+            given = system, x, chords, tangents, predicting
+            chords, tangents, springs = own.predicted.hold_contacts_closed(*given)
             known = tangents
             tangents = chords.tangents_with_geometric_stiffness(system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
@@ -263,4 +277,4 @@ class StructureSteps(StepMethod):
             damping = jnp.maximum(cables.unknowns.interior_point.damping, least)
             shift = jnp.where(unknowns.uses_interior_point, damping, shift)
         matrix = linear.add_to_diagonal(matrix, shift)
-        return StepMatrix(matrix, predicting, known, cables)
+        return StepMatrix(matrix, predicting, known, cables, chords, springs)

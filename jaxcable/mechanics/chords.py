@@ -16,7 +16,7 @@ import numpy as np
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
-from ..spaces.space import Forces, Motion
+from ..spaces.space import Forces, Motion, Step
 from .assembly import EndForces, System
 
 
@@ -72,14 +72,17 @@ class Chords:
         tangents: Sequence[Float[Array, "n_elem d d"]],
         row_step: Forces,
         longer: Float[Array, " n"],
-    ) -> Float[Array, " n"]:
-        """Return the axial forces after a step of all nodes (rows), linearized, [n], N.
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Return the axial forces after a step of all nodes (rows), linearized, and their slopes.
 
         Args:
             system: the system of the chords.
             tangents: element tangents, per group [n_elem, d, d], N/m.
             row_step: the step.
             longer: `linearized_elongation` by it, [n], m.
+
+        Returns:
+            Forces, [n], N; their derivatives by the lengths, [n], N/m, zero in chains.
         """
         pairs = [pair for pair in zip(system.groups, tangents, strict=True) if has_chord(pair[0])]
         blocks = [
@@ -95,7 +98,7 @@ class Chords:
                 change = jnp.einsum("eij,ej->ei", matrix, step.reshape(len(step), -1))
                 pulls = _pulls_of_segments(change.reshape(step.shape))
                 force = force.at[own].add(jnp.sum(self.along[own] * pulls, axis=1))
-        return force
+        return force, slopes
 
     def tangents_with_geometric_stiffness(
         self,
@@ -112,8 +115,40 @@ class Chords:
             force: axial forces that replace them in the geometric stiffness, [n], N.
         """
         density = (force - self.force) / self.length
+        return self._add_to_tangents(system, tangents, density)
+
+    def with_springs(
+        self,
+        system: System,
+        x: Motion,
+        tangents: Sequence[Float[Array, "n_elem d d"]],
+        force: Float[Array, " n"],
+        slope: Float[Array, " n"],
+    ) -> tuple[Chords, list[Float[Array, "n_elem d d"]], Step]:
+        """Return chords and tangents with a spring along every chord, and the springs' residual.
+
+        Args:
+            system: the system of the chords.
+            x: motion of the chords.
+            tangents: element tangents, per group [n_elem, d, d], N/m; the result has their shapes.
+            force: axial forces of the springs, [n], N.
+            slope: derivatives of these forces by the lengths, [n], N/m.
+
+        Returns:
+            Chords; tangents; internal force of the springs alone at every unknown, [n_free], N.
+        """
+        pull = force[:, None] * self.along
+        ends = jnp.zeros_like(system.nodes).at[_chord_links(system)]
+        at_rows = system.space.pad_moments(ends.add(jnp.stack([-pull, pull], axis=1)))
+        new = self._add_to_tangents(system, tangents, force / self.length, slope)
+        return copy_with(self, force=self.force + force), new, system.space.restrict(at_rows, x)
+
+    def _add_to_tangents(self, system, tangents, density, slope=None):
+        """Return element tangents with those of springs of a force density and a slope, N/m."""
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
+        if slope is not None:
+            block = block + slope[:, None, None] * square
         row = jnp.concatenate([block, -block], axis=2)
         of_ends = jnp.concatenate([row, -row], axis=1)
         found, start = [], 0
@@ -194,6 +229,12 @@ def n_chord(group: Element) -> int:
 
 def second_minus_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
     """Return `values` [n_row, 3] of the second ends of chords less those of first ends, [n, 3]."""
+    ends = values[:, :3][_chord_links(system)]
+    return ends[:, 1] - ends[:, 0]
+
+
+def _chord_links(system):
+    """Return the rows of both ends of all chords, [n, 2]."""
     links = [
         jnp.stack([group.links[:, :-1], group.links[:, 1:]], axis=-1).reshape(-1, 2)
         if group.is_chain
@@ -201,5 +242,4 @@ def second_minus_first_end(system: System, values: Float[Array, "n_row n"]) -> F
         for group in system.groups
         if has_chord(group)
     ]
-    ends = values[:, :3][jnp.concatenate(links)]
-    return ends[:, 1] - ends[:, 0]
+    return jnp.concatenate(links)

@@ -12,7 +12,7 @@ from jaxcable.equilibrium.iteration import EquilibriumSearch
 NEEDED_BY = {  # kinds of steps: bank, kind of scene, seed
     ("mixed",): (net_bank, "net", 0),
     ("cones", "cones' finish"): (net_bank, "far", 0),
-    ("bounds", "bounds' finish"): (bar_bank, "mixed", 1),
+    ("bounds", "bounds' finish"): (bar_bank, "rope", 0),
     ("search",): (net_bank, "sliding", 13),
     ("full",): (unsymmetric_bank, "thrown", 0),
     ("uphill",): (unsymmetric_bank, "towed", 0),
@@ -43,5 +43,5 @@ def test_kinds_of_steps_are_taken_where_they_are_needed(kinds, listening):
 
 
 def test_every_kind_is_needed_somewhere():
-    # Newton's steps by true forces: tests/equilibrium/test_peaks.py, elements/test_contacts.py
+    # Newton's steps by true forces: tests/equilibrium/test_peaks.py
     assert {"Newton", *(kind for kinds in NEEDED_BY for kind in kinds)} == set(STEPS)
