@@ -14,6 +14,7 @@ from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import END_PULL, Hanging
 from ..elements.element import Scalar
+from ..elements.friction_state import SEGMENT_TENSION
 from ..elements.sliding_catenaries import SEGMENT_LENGTH, SEGMENT_PULL, SlidingCatenaries
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
@@ -27,6 +28,9 @@ from .solution import Solution, State
 
 _SAMPLES = 16
 """Parts into which an element is divided to find the one with the extreme point of a function."""
+
+CATENARIES = Hanging, SlidingCatenaries
+"""Classes of elements that are elastic catenaries: between their ends, or in every segment."""
 
 StateOrPhase: TypeAlias = "Solution | State | PhaseResult"
 
@@ -175,6 +179,20 @@ def element_shapes(
     return _shapes_by_group(list(structure.groups), known.positions, pulls, present, lengths)
 
 
+def tensions_of_shapes(structure: Structure, state: StateOrPhase) -> list[Any]:
+    """Return the tensions of all groups, a list of arrays [..., n_elem], N; None without tensions.
+
+    Of hanging cables that slide over nodes they are those of segments, [..., n_elem, n_segment].
+    """
+    known = results_of_state(structure, state)
+    whole = items_per_group(structure, known.tension)
+    segments = items_per_group(structure, (known.results or {}).get(SEGMENT_TENSION.name))
+    return [
+        part if isinstance(group, SlidingCatenaries) else own
+        for group, own, part in zip(structure.groups, whole, segments, strict=True)
+    ]
+
+
 @as_program
 def _shapes_by_group(groups, positions, *parts):
     """Return pairs of `ElementShapes` and which elements are active, [n_elem] bool, by group.
@@ -184,7 +202,7 @@ def _shapes_by_group(groups, positions, *parts):
     """
     found = []
     for group, pull, there, length in zip(groups, *parts, strict=True):
-        if isinstance(group, Hanging | SlidingCatenaries):
+        if isinstance(group, CATENARIES):
             shapes = _catenary_shapes(group, positions, pull, length)
         else:
             shapes = _straight_shapes(group, positions)

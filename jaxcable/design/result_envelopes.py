@@ -9,11 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.element_shapes import CATENARIES
 from ..analysis.solution import Solution
 from ..common import checks, status
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..elements.abilities import Bending, Hanging
+from ..elements.abilities import Bending
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from ..programs.traced_function import evaluate_at_once
@@ -199,7 +200,7 @@ def _results_of_case(structure, solution, places):
         forces = section_forces(structure, solution, places)
         for k, name in enumerate(_SECTION_FORCES):
             found[name] = jax.tree.map(lambda x, k=k: x[..., k], forces)
-    if any(isinstance(group, Hanging) for group in structure.groups):
+    if any(isinstance(group, CATENARIES) for group in structure.groups):
         found["sag"] = jax.tree.map(
             lambda x: x.midspan, sags(structure, solution), is_leaf=lambda x: hasattr(x, "midspan")
         )

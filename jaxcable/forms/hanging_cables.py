@@ -10,17 +10,16 @@ from jax import lax
 
 from .. import linear
 from ..analysis.element_shapes import (
+    CATENARIES,
     StateOrPhase,
     element_shapes,
     map_shapes,
-    results_of_state,
+    tensions_of_shapes,
 )
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
-from ..elements.abilities import Hanging
-from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 
@@ -38,7 +37,8 @@ def catenary_curves(
 
     Returns:
         Positions in the shape of `elements`, each [n_elem, n, 3], m, NaN for elements that are not
-        there; None for other groups.
+        there; None for other groups. `SlidingCatenaries` have a curve for each segment,
+        [n_elem, n_segment, n, 3]; fillers of shorter cables are points at their last node.
 
     Raises:
         ValueError: not a state, or a structure without catenaries.
@@ -60,7 +60,8 @@ def catenary_curves(
     parts = jnp.linspace(0.0, 1.0, n)
 
     def of_group(shapes, there, _):
-        return jnp.where(there[..., None, None], map_shapes(_positions_at, shapes, parts), jnp.nan)
+        curves = map_shapes(_positions_at, shapes, parts)
+        return jnp.where(there[..., None, None], curves, jnp.nan)
 
     return _map_over_catenaries(structure, solution, of_group)
 
@@ -81,7 +82,8 @@ def end_tensions(
 
     Returns:
         Tensions in the shape of `elements`, each [n_elem, 2], N, zero for elements that are not
-        there; None for other groups.
+        there; None for other groups. Of `SlidingCatenaries` they are those of each segment,
+        [n_elem, n_segment, 2], zero for fillers, as the result ``end_tensions``.
 
     Raises:
         ValueError: not a state, or a structure without catenaries.
@@ -110,19 +112,24 @@ def end_tensions(
 def _map_over_catenaries(structure, state, function):
     """Call a function for each group of catenaries; return its values in the shape of the elements.
 
-    `function` takes the element shapes, which elements are active, and tensions, N. Other
-    groups have None; a structure without catenaries raises ValueError.
+    `function` takes the element shapes, which elements are active, and tensions, N; of cables that
+    slide all are those of segments. Other groups have None; a structure without catenaries raises
+    ValueError.
     """
-    if not any(isinstance(group, Hanging) for group in structure.groups):
+    if not any(isinstance(group, CATENARIES) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
     every = element_shapes(structure, state)
-    tensions = items_per_group(structure, results_of_state(structure, state).tension)
+    tensions = tensions_of_shapes(structure, state)
     return structure.arrange(
         [
-            function(*own, tension) if isinstance(group, Hanging) else None
-            for group, own, tension in zip(structure.groups, every, tensions, strict=True)
+            function(shapes, there[..., None] if group.slides else there, tension)
+            if isinstance(group, CATENARIES)
+            else None
+            for group, (shapes, there), tension in zip(
+                structure.groups, every, tensions, strict=True
+            )
         ]
     )
 

@@ -10,14 +10,15 @@ from typing import Any, TypeAlias
 import jax
 import numpy as np
 
+from ..analysis.element_shapes import CATENARIES
 from ..analysis.results import result_fields
 from ..analysis.solution import Solution, State
 from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
-from ..elements.abilities import Bending, Hanging
+from ..elements.abilities import Bending
 from ..elements.prestress import single_element
 from ..forms import catenary_curves
-from ..model.result_parts import end_nodes, values_per_group
+from ..model.result_parts import end_nodes, straight_pieces, values_per_group
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
 from ..stiffness.tangent import merge_solution_state, split_solution_state
@@ -29,16 +30,19 @@ _MANY = 2000  # curves from which on their pieces are shorter than a pixel with 
 _FEW = 9  # places of so many
 
 Links: TypeAlias = "tuple[Int[np.ndarray, 'n_piece 2'], Int[np.ndarray, ' n_piece']]"
-"""Node numbers of all pieces of elements, and the element of each piece."""
+"""Node numbers of all pieces of elements, and the element of each, as of `straight_pieces`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Curves:
     """Curves of all beams and hanging cables at one instant, beams first.
 
+    A cable that slides over nodes has a curve for each segment.
+
     Attributes:
         element: index of the element, counted through all groups, [n_curve].
-        ends: first and last node of each, [n_curve, 2].
+        ends: first and last node of each curve, [n_curve, 2].
+        piece: index of the piece that each curve replaces, as of `straight_pieces`, [n_curve].
         bend: for each beam the length of its chord times the slopes of the axis against the chord
             at both ends, which determine a cubic, [n_beam, 2, 3], m.
         axes: axes x, y and z of the sections of the beams, in rows, [n_beam, 3, 3].
@@ -48,6 +52,7 @@ class Curves:
 
     element: Int[np.ndarray, " n_curve"]
     ends: Int[np.ndarray, "n_curve 2"]
+    piece: Int[np.ndarray, " n_curve"]
     bend: Float[np.ndarray, "n_beam 2 3"]
     axes: Float[np.ndarray, "n_beam 3 3"]
     sag: Float[np.ndarray, "n_sag n_between 3"]
@@ -73,7 +78,7 @@ class Curves:
         return points_on_chords(positions[self.ends], apart.shape[1]) + apart
 
     def indices_of_elements(self, elements: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return the index of the curve of each element, [n], for elements given by their index."""
+        """Return the index of the (first) curve of each element, [n], given by their index."""
         order = np.argsort(self.element)
         return order[np.searchsorted(self.element, elements, sorter=order)]
 
@@ -106,9 +111,10 @@ class SolutionCurves:
     def __init__(self, solution: Solution, structure: Structure | None, places: int = PLACES):
         self.solution, self.structure = solution, structure
         self.groups = () if structure is None else structure.groups
-        self.straight = not any(isinstance(group, Bending | Hanging) for group in self.groups)
-        curved = [len(g.links) for g in self.groups if isinstance(g, Bending | Hanging)]
-        self.places = places if sum(curved) <= _MANY else _FEW
+        curved = [g for g in self.groups if isinstance(g, (Bending, *CATENARIES))]
+        self.straight = not curved
+        count = len(straight_pieces(curved)[1]) if curved else 0
+        self.places = places if count <= _MANY else _FEW
         starts = np.cumsum([0, *(len(group.links) for group in self.groups)])
         self._numbers = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
         self._sag_after_phase = functools.cache(
@@ -178,20 +184,37 @@ class SolutionCurves:
         `motion` has displacements and rotations of all rows of motion, and `sag` the shape of
         `Curves.sag`.
         """
-        numbers, slopes, axes = [np.zeros(0, int)], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
+        drawn, slopes, axes = [], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
         if any(isinstance(group, Bending) for group in self.groups):
             found = _deflected_beams(*self._split_structure, motion)
-            for number, beams in zip(self._numbers, found, strict=True):
+            for group, beams in enumerate(found):
                 if beams is not None:
                     slope, turned, length = (np.asarray(x) for x in beams)
-                    numbers.append(number)
+                    drawn.append(group)
                     slopes.append(slope * length[:, None, None])
                     axes.append(turned)
-        pairs = zip(self._numbers, self.groups, strict=True)
-        numbers += [number for number, group in pairs if isinstance(group, Hanging)]
-        number, ends = np.concatenate(numbers), [end_nodes(group) for group in self.groups]
+        drawn += [k for k, group in enumerate(self.groups) if isinstance(group, CATENARIES)]
+        element, ends, piece = self._curves_by_group
         parts = np.concatenate(slopes), np.concatenate(axes), sag
-        return Curves(number, np.concatenate(ends)[number], *parts)
+        of_curves = ([of[k] for k in drawn] for of in (element, ends, piece))
+        return Curves(*(np.concatenate([own[0][:0], *own]) for own in of_curves), *parts)
+
+    @functools.cached_property
+    def _curves_by_group(self):
+        """Element, end nodes and piece of every curve, as if all groups were curved, three lists.
+
+        Of cables that slide a curve is a segment, of other groups it is an element.
+        """
+        pairs, owner, _ = straight_pieces(self.groups)
+        found = []
+        for number, group in zip(self._numbers, self.groups, strict=True):
+            piece = np.searchsorted(owner, number)
+            own = number, end_nodes(group), piece
+            if group.slides:
+                piece = np.flatnonzero(np.isin(owner, number))
+                own = owner[piece], pairs[piece], piece
+            found.append(own)
+        return tuple(zip(*found, strict=True))
 
     @functools.cached_property
     def _split_structure(self):
@@ -201,14 +224,19 @@ class SolutionCurves:
     def _sag_in_state(self, state):
         """Return the vectors from chords to hanging cables in a state, shaped as `Curves.sag`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
-        if any(isinstance(group, Hanging) for group in self.groups):
+        if any(isinstance(group, CATENARIES) for group in self.groups):
             curves = values_per_group(
                 self.structure, catenary_curves(self.structure, state, self.places)
             )
-            for group, curve in zip(self.groups, curves, strict=True):
+            for group, ends, curve in zip(
+                self.groups, self._curves_by_group[1], curves, strict=True
+            ):
                 if curve is not None:
-                    chord = points_on_chords(positions[end_nodes(group)], self.places)
-                    found.append((curve - chord)[:, 1:-1])
+                    own = curve
+                    if group.slides:  # without the fillers of shorter cables
+                        own = curve[group.links.array[:, 1:] != group.links.array[:, :-1]]
+                    chord = points_on_chords(positions[ends], self.places)
+                    found.append((own - chord)[:, 1:-1])
         return np.concatenate(found)
 
 
@@ -234,15 +262,12 @@ def picture_lines(
     arrays [n_point, 2 or 3], in which beams and hanging cables are curves. `positions` are those of
     the nodes, m; `links` are the node numbers of all pieces, and the element of each.
     """
-    pairs, owner = links
-    straight = view.project(positions)[pairs]
+    straight = view.project(positions)[links[0]]
     if curves is None:
         return straight
     found, points = list(straight), view.project(curves.points(positions))
-    row = np.full(1 + max(owner.max(initial=0), curves.element.max(initial=0)), -1)
-    row[curves.element] = np.arange(len(points))
-    for piece in np.flatnonzero(row[owner] >= 0):
-        found[piece] = points[row[owner[piece]]]
+    for piece, line in zip(curves.piece, points, strict=True):
+        found[piece] = line
     return found
 
 

@@ -146,6 +146,7 @@ class ElementLines:
 
     def __init__(self, axes: Axes, view: View, snapshots: Snapshots, scale: ColorScale):
         self.view, self.faces, self.scale = view, snapshots.faces, scale
+        self.all_links = snapshots.links
         # faces are drawn with their edges
         self.lines = lines = ~np.isin(snapshots.links[1], self.faces[1])
         self.links = snapshots.links[0][lines], snapshots.links[1][lines]
@@ -162,7 +163,8 @@ class ElementLines:
     def show(self, snapshot: Snapshot) -> None:
         """Draw the elements as they are in a `Snapshot`, in place of what was drawn before."""
         forces, element = snapshot.forces, self.links[1]
-        drawn = picture_lines(self.view, snapshot.positions, self.links, snapshot.curves)
+        drawn = picture_lines(self.view, snapshot.positions, self.all_links, snapshot.curves)
+        drawn = select_lines(drawn, self.lines)
         slack, compressed = forces.slack[element], forces.compressed[element]
         numbers = self.scale.numbers(forces)[element]
         if forces.segments is not None:

@@ -171,7 +171,8 @@ def _add_curves(arrays, snapshots, shots):
     if shots[0].curves is None:
         return
     curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
-    beam, sagging = np.split(curves[0].element, [len(curves[0].bend)])
+    count = len(curves[0].bend)
+    beam, sagging = curves[0].element[:count], curves[0].piece[count:]  # of chains each segment
     if len(beam):
         places = np.linspace(0.0, 1.0, _DIAGRAM)
         diagrams = [forces_along_beams(snapshots.parts, shot.end, places)[0] for shot in ends]

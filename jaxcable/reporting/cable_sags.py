@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
-from ..analysis.element_shapes import StateOrPhase
+from ..analysis.element_shapes import CATENARIES, StateOrPhase
 from ..common.types import Float
-from ..elements.abilities import Hanging
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from ..results import horizontal_tensions, sags
@@ -32,7 +32,7 @@ def sag_tables(
     `chains` are node numbers of chains by name, as for `sags`, or None.
     """
     structure, chains = of.structure, chains or {}
-    kept = [k for k, group in enumerate(structure.groups) if isinstance(group, Hanging)]
+    kept = [k for k, group in enumerate(structure.groups) if isinstance(group, CATENARIES)]
     if not kept and not chains:
         return {}
     results = [of.state, *(state.result for state in of.envelope.values())]
@@ -42,7 +42,7 @@ def sag_tables(
     more: list[Any] = [[row[k] for row in rows] for k in range(4)]
     columns = [
         column._replace(values=[*np.asarray(column.values).tolist(), *values])
-        for column, values in zip(element_columns(structure, kept), more, strict=True)
+        for column, values in zip(element_columns(structure, kept, segments=True), more, strict=True)
     ]
     columns += [
         Column("span", "m", span),
@@ -67,14 +67,19 @@ def _sag_values(
     """Return the numbers of all rows of the table in a state, [6, n_row].
 
     They are span, sag at midspan, largest sag, deflection, height of the lowest point, all in m,
-    and horizontal tension, N, NaN for chains. Rows are the elements of the groups `kept`, then the
-    chains.
+    and horizontal tension, N, NaN for chains. Rows are the elements of the groups `kept` (of cables
+    that slide the segments), then the chains.
     """
     found: list[tuple[Any, Any]] = []
     if kept:
         every = structure.group_tree.flatten_up_to(sags(structure, state))
         tensions = values_per_group(structure, horizontal_tensions(structure, state))
-        found += [(every[k], tensions[k]) for k in kept]
+        for k in kept:
+            own, group = (every[k], tensions[k]), structure.groups[k]
+            if group.slides:  # without the fillers of shorter cables
+                real = group.links.array[:, 1:] != group.links.array[:, :-1]
+                own = jax.tree.map(lambda x, real=real: np.asarray(x)[real], own)
+            found.append(own)
     if chains:
         found += [(sag, np.nan) for sag in sags(structure, state, chains).values()]
     columns = [

@@ -9,24 +9,32 @@ import numpy as np
 
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
-from ..model.result_parts import end_nodes, named_groups_of
+from ..model.result_parts import end_nodes, named_groups_of, straight_pieces
 from ..model.structure import Structure
 from .table import Column
 
 
-def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]:
+def element_columns(
+    structure: Structure, groups: Sequence[int], segments: bool = False
+) -> list[Column]:
     """Return the columns that name elements: group, element, start node, end node.
 
     Args:
         structure: `Structure`.
         groups: indices of the groups; each of their elements has a row.
+        segments: whether cables that slide over nodes have a row for each segment instead.
     """
-    named = named_groups_of(structure)
-    parts = [(named[k][0], end_nodes(named[k][1])) for k in groups]
-    ends = np.concatenate([np.zeros((0, 2), int), *(ends for _, ends in parts)])
+    named, parts = named_groups_of(structure), []
+    for k in groups:
+        label, group = named[k]
+        ends, number = end_nodes(group), np.arange(len(group.links))
+        if segments and group.slides:
+            ends, number, _ = straight_pieces([group])
+        parts.append((label, ends, number.tolist()))
+    ends = np.concatenate([np.zeros((0, 2), int), *(own for _, own, _ in parts)])
     return [
-        Column("group", "", [label for label, ends in parts for _ in ends]),
-        Column("element", "", [k for _, ends in parts for k in range(len(ends))]),
+        Column("group", "", [label for label, _, number in parts for _ in number]),
+        Column("element", "", [k for *_, number in parts for k in number]),
         Column("first", "", ends[:, 0], "start node"),
         Column("last", "", ends[:, 1], "end node"),
     ]

@@ -11,17 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.element_shapes import (
+    CATENARIES,
     ElementShapes,
     StateOrPhase,
     element_shapes,
     map_shapes,
     results_of_state,
     straight_shapes,
+    tensions_of_shapes,
 )
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Hanging
+from ..elements.sliding_catenaries import SlidingCatenaries
 from ..loads.groups import indices_of_groups
 from ..model.structure import Structure
 from ..numerics import scaled
@@ -34,7 +37,8 @@ from ..programs.program_calls import as_program
 class Sag:
     """How far a cable hangs below the chord between its ends: the result of `sags`.
 
-    Axes are [n_elem] for the elements of a group, none for a chain; batches have theirs in front.
+    Axes are [n_elem] for the elements of a group, [n_elem, n_segment] for cables that slide, none
+    for a chain; batches have theirs in front.
 
     Attributes:
         midspan: vertical distance below the chord at midspan, half of the horizontal distance of
@@ -95,8 +99,9 @@ def sags(
 
     Returns:
         `Sag` of each chain, a dict by name; without chains a pytree like the structure's
-        `elements`, `Sag` for catenaries and None for other groups. NaN where elements are not
-        active, and for `midspan` and `largest` where the ends lie above each other.
+        `elements`, `Sag` for catenaries and None for other groups; of `SlidingCatenaries` it is
+        that of every segment. NaN where elements are not active, for fillers of shorter cables, and
+        for `midspan` and `largest` where the ends lie above each other.
 
     Raises:
         ValueError: not a state; no catenaries, and no chains; nodes that do not exist, or that no
@@ -123,7 +128,7 @@ def sags(
             name: _chain_sag(_chain_shapes(structure, positions, every, name, nodes))
             for name, nodes in chains.items()
         }
-    if not any(isinstance(group, Hanging) for group in structure.groups):
+    if not any(isinstance(group, CATENARIES) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; for the sag of a chain of other elements give "
             'chains={"name": nodes}'
@@ -132,7 +137,7 @@ def sags(
     for group, (shapes, there) in zip(
         structure.groups, element_shapes(structure, state), strict=True
     ):
-        if not isinstance(group, Hanging):
+        if not isinstance(group, CATENARIES):
             found.append(None)
             continue
         own = map_shapes(_element_sag, shapes)
@@ -156,8 +161,9 @@ def horizontal_tensions(
 
     Returns:
         Forces in the shape of `elements`, each [n_elem], N, positive in tension and zero for
-        elements that are not active; None for groups without an axial force or with more than two
-        nodes an element. NaN where the ends lie above each other.
+        elements that are not active; [n_elem, n_segment] for `SlidingCatenaries`, None for other
+        groups without an axial force or with more than two nodes an element. NaN where the ends
+        lie above each other, and for fillers.
 
     Raises:
         ValueError: not a state, or of another structure.
@@ -172,10 +178,12 @@ def horizontal_tensions(
         0 22.506 kN
     """
     found: list[Any] = []
-    forces = structure.group_tree.flatten_up_to(results_of_state(structure, state).tension)
+    forces = tensions_of_shapes(structure, state)
     every = element_shapes(structure, state)
     for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
-        if force is None or group.links.shape[1] != 2:
+        if isinstance(group, SlidingCatenaries):
+            there = there[..., None]
+        elif force is None or group.links.shape[1] != 2:
             found.append(None)
             continue
         own = map_shapes(ElementShapes.horizontal_part, shapes)
@@ -259,9 +267,10 @@ def _chain_shapes(structure, positions, every, name, nodes):
     if len(nodes) < 2:
         raise ValueError(f"chains[{name!r}]: a chain has at least 2 nodes, got {len(nodes)}")
     positions, segments = jnp.asarray(positions), []
+    axis = positions.ndim - 2  # that of elements, after those of a batch
     # catenaries last: where they join nodes that another element joins, too, they count
     groups = sorted(
-        zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], Hanging)
+        zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], CATENARIES)
     )
     joined = [(group, _elements_by_pair(group), *own) for group, own in groups]
     for a, b in itertools.pairwise(nodes.tolist()):
@@ -270,26 +279,29 @@ def _chain_shapes(structure, positions, every, name, nodes):
         straight = straight_shapes(positions[..., a, :], positions[..., b, :])
         segment = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), straight)  # none is active
         for group, pairs, shapes, there in joined:
-            for k, backward in pairs.get((a, b), ()):
-                one = straight
-                if isinstance(group, Hanging):
-                    axis = shapes.rest_length.ndim - 1
-                    one = jax.tree.map(lambda x, k=k, axis=axis: jnp.take(x, k, axis), shapes)
+            for (*at, backward) in pairs.get((a, b), ()):
+                one, k = straight, at[0]
+                if isinstance(group, CATENARIES):
+                    one = shapes
+                    for number in at if group.slides else at[:1]:
+                        one = jax.tree.map(lambda x, n=number: jnp.take(x, n, axis), one)
                     one = one.reversed() if backward else one
                 segment = _select_shapes(jnp.take(there, k, -1), one, segment)
         segments.append(segment)
-    axis = positions.ndim - 2
     return jax.tree.map(lambda *x: jnp.stack(x, axis), *segments)
 
 
 def _elements_by_pair(group):
-    """Return the elements that join two successive nodes: pair -> [(index, whether backwards)]."""
-    found: dict[tuple[int, int], list[tuple[int, bool]]] = {}
+    """Return the elements that join two successive nodes.
+
+    It is a dict: pair -> [(index, index of its segment, whether backwards)].
+    """
+    found: dict[tuple[int, int], list[tuple[int, int, bool]]] = {}
     for k, nodes in enumerate(_nodes_in_order(group).tolist()):
-        for a, b in itertools.pairwise(nodes):
+        for j, (a, b) in enumerate(itertools.pairwise(nodes)):
             if a != b:  # chains that are shorter than others end with the same node
-                found.setdefault((a, b), []).append((k, False))
-                found.setdefault((b, a), []).append((k, True))
+                found.setdefault((a, b), []).append((k, j, False))
+                found.setdefault((b, a), []).append((k, j, True))
     return found
 
 

@@ -31,17 +31,17 @@ function decode(description, base64) {
   let ends = 0;
   for (const shot of model.shots) shot.endNumber = shot.end ? ends++ : -1;
   model.beamOf = numbered(model.get("beam"), model.nElem);
-  model.sagOf = numbered(model.get("sagging"), model.nElem);
+  model.sagOf = numbered(model.get("sagging"), model.shape("pieces")[0]);  // by piece: segments hang each
   model.faceOf = numbered(model.get("face"), model.nElem);
   let first = 0;
   for (const group of model.groups) { group.first = first; first += group.count; }
   return model;
 }
 
-// For every element its place in a list of elements, or -1.
+// For every element (or piece) its place in a list of them, or -1.
 function numbered(list, count) {
   const place = new Int32Array(count).fill(-1);
-  if (list) list.forEach((element, k) => { place[element] = k; });
+  if (list) list.forEach((number, k) => { place[number] = k; });
   return place;
 }
 

@@ -12,7 +12,7 @@ class Shape {
     this.parts = new Uint8Array(element.length).fill(1);
     element.forEach((e, k) => {
       if (model.beamOf[e] >= 0) this.parts[k] = PARTS;
-      if (model.sagOf[e] >= 0) this.parts[k] = this.sagPlaces + 1;
+      if (model.sagOf[k] >= 0) this.parts[k] = this.sagPlaces + 1;
     });
     this.count = this.parts.reduce((a, b) => a + b, 0);
     this.owner = new Uint32Array(this.count);
@@ -80,7 +80,7 @@ class Shape {
     const point = [0, 0, 0];
     for (let k = 0; k < element.length; k++) {
       const a = 3 * pieces[2 * k], b = 3 * pieces[2 * k + 1], n = parts[k];
-      const beam = model.beamOf[element[k]], hanging = model.sagOf[element[k]];
+      const beam = model.beamOf[element[k]], hanging = model.sagOf[k];
       for (let j = 0; j <= n; j++) {
         const x = j / n;
         for (let i = 0; i < 3; i++) point[i] = (1 - x) * places[a + i] + x * places[b + i];
