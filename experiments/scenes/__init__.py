@@ -11,7 +11,7 @@ from .bridges import cable_stayed_bridge
 from .cables import isolated_cable, suspended_cable
 from .domes import geiger_dome, levy_dome
 from .frames import lee_frame, toggle_frame
-from .friction import block_and_tackle, dome_hoop, post_tensioned_beam, saddle_stay
+from .friction import block_and_tackle, dome_hoop, post_tensioned_beam, ropeway, saddle_stay
 from .tents import tent_edge
 from .trusses import cable_truss
 
@@ -25,6 +25,7 @@ __all__ = [
     "lee_frame",
     "levy_dome",
     "post_tensioned_beam",
+    "ropeway",
     "saddle_stay",
     "strung_arch",
     "suspended_cable",

@@ -1,4 +1,4 @@
-"""Cables with friction: a tendon in a beam, a stay over a saddle, a tackle, the hoop of a dome."""
+"""Cables with friction: tendon, stay over a saddle, tackle, hoop of a dome, ropeway."""
 
 from __future__ import annotations
 
@@ -256,3 +256,70 @@ def dome_hoop(
         jc.Phase(loads=snow, increments=increments, clamped={"hoop": 1.0} if clamped else None),
     ]
     return Scene(structure, phases)
+
+
+def ropeway(
+    span: float = 400.0,
+    rise: float = 60.0,
+    *,
+    tension: float = 300e3,
+    load: float = 25e3,
+    weight: float = 60.0,
+    axial_stiffness: float = 80e6,
+    friction: float = 0.08,
+    rides: int = 2,
+    increments: int = 1,
+) -> Scene:
+    """Track rope of a ropeway over saddles on two towers, on which a cabin moves up.
+
+    The rope, hanging catenaries in one cable, runs from an anchor (node 0) over the towers (nodes 1
+    and 3) to another anchor (node 4). The cabin is node 2, over which the rope slides without
+    friction; it is free in z. Phase 1 hangs up the rope, phase 2 adds the cabin near tower 1, the
+    others move it, at the end to 40 m before tower 3. The scene is not taken from a publication.
+
+    Args:
+        span: between the towers, m, above 100.
+        rise: from the first tower to the second one, m.
+
+    Options:
+        tension: of the rope in straight lines, from which its unstressed length follows, N.
+        load: weight of the cabin, N.
+        weight: of the rope, N/m.
+        axial_stiffness: EA of the rope, N.
+        friction: coefficient of friction in the saddles, without unit.
+        rides: number of phases that move the cabin by equal distances.
+        increments: of each of them.
+
+    Returns:
+        `Scene` with the group "rope".
+
+    Raises:
+        ValueError: a size that is not positive, or a `span` of at most 100 m.
+
+    Source: catenaries as of `Catenaries`; Euler (1769) for the ratio of tensions at the saddles.
+
+    Example:
+        >>> structure, phases = scenes.ropeway(rides=3)
+        >>> print(structure.elements["rope"].links.array, len(phases))
+        [[0 1 2 3 4]] 5
+    """
+    require_positive(span=span - 100.0, tension=tension, load=load)
+    tower, start, end = np.array([50.0, 0.0, 30.0]), 30.0, span - 40.0
+    top = tower + [span, 0.0, rise]
+    chord = (top - tower) / span  # per meter of x
+    anchor = top + np.array([70.0, 0.0, -20.0])
+    nodes = [np.zeros(3), tower, tower + start * chord, top, anchor]
+    rope = jc.SlidingCatenaries(
+        links=[[0, 1, 2, 3, 4]],
+        axial_stiffness=axial_stiffness,
+        weight=weight,
+        friction=[[friction, 0.0, friction]],
+    )
+    supports = jc.pinned([0, 1, 3, 4]) + jc.restrained([2], "xy")
+    move = jc.SupportMovement([2], ((end - start) / rides, 0.0, 0.0))
+    phases = [
+        jc.Phase(pretension=tension, loads=jc.SelfWeight()),
+        jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -load))),
+        *rides * [jc.Phase(loads=move, increments=increments)],
+    ]
+    return Scene(jc.Structure(nodes, {"rope": rope}, supports), phases)

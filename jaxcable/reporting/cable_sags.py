@@ -42,7 +42,9 @@ def sag_tables(
     more: list[Any] = [[row[k] for row in rows] for k in range(4)]
     columns = [
         column._replace(values=[*np.asarray(column.values).tolist(), *values])
-        for column, values in zip(element_columns(structure, kept, segments=True), more, strict=True)
+        for column, values in zip(
+            element_columns(structure, kept, segments=True), more, strict=True
+        )
     ]
     columns += [
         Column("span", "m", span),

@@ -279,7 +279,7 @@ def _chain_shapes(structure, positions, every, name, nodes):
         straight = straight_shapes(positions[..., a, :], positions[..., b, :])
         segment = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), straight)  # none is active
         for group, pairs, shapes, there in joined:
-            for (*at, backward) in pairs.get((a, b), ()):
+            for *at, backward in pairs.get((a, b), ()):
                 one, k = straight, at[0]
                 if isinstance(group, CATENARIES):
                     one = shapes

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 import scenes
+from banks import hung_lines
 from oracles.convergence import converged
 from test_plots import legend_texts
 from test_view import decoded
@@ -123,3 +124,41 @@ def test_tension_along_a_hanging_cable():
 def test_tension_along_refuses(stay, message, options):
     with pytest.raises(ValueError, match=message):
         jc.plots.tension_along(stay[1], **options)
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """Two hanging lines of three and two segments, and points along each of these apart."""
+    structure, solution = hung_lines.solved()
+    return structure, solution, hung_lines.integrated(solution)
+
+
+def points_along(cable, count):
+    return np.array([cable.at(part * cable.length) for part in np.linspace(0.0, 1.0, count)])
+
+
+def test_hanging_segments_are_drawn_as_catenaries(lines):
+    """Each has its own color; the mast, drawn before them, stays straight."""
+    structure, solution, cables = lines
+    figure = jc.plots.net(solution, structure=structure, loads=False)
+    taut = figure.axes[0].collections[2]
+    drawn = [np.asarray(line) for line in taut.get_segments()]
+    assert [len(line) for line in drawn] == [2, *5 * [25]]
+    for line, cable in zip(drawn[1:], cables.values(), strict=True):
+        # 1e-8 m of lengths of 360 m: tensions are found to 1e-10 of the largest
+        np.testing.assert_allclose(line, points_along(cable, 25)[:, [0, 2]], atol=1e-8)
+    tensions = np.array([cable.ends.mean() for cable in cables.values()])
+    np.testing.assert_allclose(taut.get_array()[1:], tensions / 1e3, rtol=1e-8)
+
+
+def test_hanging_segments_on_the_page(lines):
+    structure, solution, cables = lines
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    np.testing.assert_array_equal(arrays["sagging"], [1, 2, 3, 4, 5])  # pieces; the mast is 0
+    for sag, cable in zip(arrays["sag"][-1], cables.values(), strict=True):
+        points = points_along(cable, len(sag) + 2)
+        part = np.linspace(0.0, 1.0, len(points))[:, None]
+        chord = (1 - part) * points[0] + part * points[-1]
+        # numbers of 32 bits, of sags of some meters
+        np.testing.assert_allclose(sag, (points - chord)[1:-1], atol=1e-6)
+    assert np.abs(arrays["sag"]).max() > 1.0

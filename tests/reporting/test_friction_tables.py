@@ -1,6 +1,7 @@
 """Tables of cables with friction: a row for each segment and each deviator names its nodes."""
 
 import numpy as np
+from banks import hung_lines
 from oracles.convergence import converged
 
 import jaxcable as jc
@@ -42,3 +43,17 @@ def test_clamps_have_a_table():
     assert forces[0, 0] != 0 == forces[0, 1]
     rows = columns(made.tables["clamp_force"], "place", "clamp_force")
     assert rows[:2] == [("node 1", float(forces[0, 0])), ("node 2", 0.0)]
+
+
+def test_hanging_segments_have_sags_and_end_tensions():
+    structure, solution = hung_lines.solved()
+    made = jc.report(structure, solution)
+    cables = hung_lines.integrated(solution)
+    rows = columns(made.tables["sags"], "element", "first", "last", "sag")
+    at = [(k, *nodes) for (k, _), nodes in hung_lines.SEGMENTS.items()]
+    assert [row[:3] for row in rows] == at
+    sags = [cable.sag_at_midspan() for cable in cables.values()]
+    # tensions are found to 1e-10 of the largest
+    np.testing.assert_allclose([row[3] for row in rows], sags, atol=1e-8)
+    ends = columns(made.tables["end_tensions"], "element", "place", "first", "last")
+    assert [row[:2] for row in ends] == [(k, f"{a} to {b}") for k, a, b in at]

@@ -6,6 +6,7 @@ import scenes
 from numpy.testing import assert_allclose
 from oracles.convergence import converged
 from oracles.coulomb import angles, draw_in
+from oracles.hanging_cable import HangingCable
 
 import jaxcable as jc
 
@@ -95,3 +96,40 @@ def test_hoop_of_a_dome():
     assert (np.abs(ratio) <= 0.1 * turn * (1 + 1e-12)).all()
     moved = [np.abs(np.asarray(one.displacement)).max() for one in (solution, slips)]
     assert moved[1] > 1.5 * moved[0]
+
+
+def test_ropeway():
+    """Each segment integrated apart: the cabin's weight, and capstan ratios at both towers."""
+    structure, phases = scenes.ropeway(rides=1)
+    solution = converged(jc.solve(structure, phases))
+    for phase, x in zip(solution.phases[1:], (80.0, 410.0), strict=True):
+        place = np.asarray(phase.positions)
+        assert place[2, 0] == x and place[2, 1] == 0.0
+        lengths, tensions, pulls = (
+            of_segments(phase, "rope", name)
+            for name in ("segment_length", "end_tensions", "segment_pull")
+        )
+        down = [0.0, 0.0, -60.0]
+        spans = [
+            HangingCable(place[k], place[k + 1], lengths[k], 80e6, down, 1.001 * pulls[k, :3])
+            for k in range(4)
+        ]
+        # a change of length by rounding of 4e2 m changes tensions by EA eps, 2e-8 N, over strains
+        assert_allclose(tensions, [span.ends for span in spans], rtol=1e-9)
+        # what the segments beside a node pull at it
+        first, last = (
+            np.array([sign * (span.pull - part * span.length * span.load) for span in spans])
+            for sign, part in ((1.0, 0.0), (-1.0, 1.0))
+        )
+        at_cabin = last[1] + first[2]
+        # tol 1e-10 of the residual, over forces of 6e5 N at the cabin
+        assert at_cabin[2] == pytest.approx(25e3, abs=1e-3)
+        assert_allclose(tensions[1, 1], tensions[2, 0], rtol=1e-12)  # no friction at the cabin
+        used = of_segments(phase, "rope", "friction_used")
+        assert_allclose(used, [1.0, 0.0, -1.0], atol=1e-12)  # from both towers towards the cabin
+        for tower, k in ((1, 0), (3, 2)):
+            before, after = -last[tower - 1], first[tower]
+            turn = np.arccos(before @ after / np.linalg.norm(before) / np.linalg.norm(after))
+            ratio = spans[tower].ends[0] / spans[tower - 1].ends[1]
+            assert ratio == pytest.approx(np.exp(used[k] * 0.08 * turn), rel=1e-9)
+    assert (np.abs(of_segments(solution, "rope", "slip")) > 0.01).all()
