@@ -305,7 +305,7 @@ def ropeway(
     """
     require_positive(span=span - 100.0, tension=tension, load=load)
     tower, start, end = np.array([50.0, 0.0, 30.0]), 30.0, span - 40.0
-    top = tower + [span, 0.0, rise]
+    top = tower + np.array([span, 0.0, rise])
     chord = (top - tower) / span  # per meter of x
     anchor = top + np.array([70.0, 0.0, -20.0])
     nodes = [np.zeros(3), tower, tower + start * chord, top, anchor]

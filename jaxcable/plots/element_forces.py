@@ -13,6 +13,7 @@ from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float, Int
 from ..elements.element import PRESENT, Element
 from ..elements.friction_state import SEGMENT_TENSION
+from ..elements.sliding_catenaries import SEGMENT_PULL
 from ..model.result_parts import ResultColumn, result_columns, slack_elements, straight_pieces
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
@@ -113,9 +114,9 @@ def all_result_columns(
 
     It has the utilization, if breaking forces are known, and the largest moments of beams. Results
     at very many places, such as the deviators of a tendon, are left out, and so are the tensions of
-    segments, which pieces have.
+    segments, which pieces have, and the forces of hanging segments on their nodes.
     """
-    left_out = [PRESENT.name, SEGMENT_TENSION.name]
+    left_out = [PRESENT.name, SEGMENT_TENSION.name, SEGMENT_PULL.name]
     for name, tree in element_results.items():
         if any(np.shape(x)[1:2] > (_PLACES,) for x in jax.tree.leaves(tree)):
             left_out.append(name)

@@ -1,7 +1,7 @@
-"""Two lines over pulleys with hanging segments, of four and of three nodes, and a mast beside them.
+"""Two lines over pulleys with hanging segments, of four and of three nodes, and a mast.
 
-The mast is the first element and the first straight piece; the second line has a filler. All is in a
-vertical plane.
+The mast is the first element and the first straight piece; the second line has a filler. All is in
+a vertical plane.
 """
 
 import numpy as np
