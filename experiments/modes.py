@@ -27,7 +27,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scenes
-from banks import bar_bank, fuzz_scenes, hard_cases, net_bank, slack_nets, unsymmetric_bank
+from banks import (
+    bar_bank,
+    contact_bank,
+    fuzz_scenes,
+    hard_cases,
+    net_bank,
+    slack_nets,
+    unsymmetric_bank,
+)
 from record import Record
 
 import jaxcable as jc
@@ -119,7 +127,7 @@ def banks(count):
                 for seed in range(count)
             ],
         )
-    for module in (net_bank, bar_bank, unsymmetric_bank):
+    for module in (net_bank, bar_bank, unsymmetric_bank, contact_bank):
         name = module.__name__.removeprefix("banks.").replace("_", " ")
         for kind in module.KINDS:
             yield (

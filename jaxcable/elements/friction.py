@@ -112,15 +112,36 @@ def deviation_angles(
     return jnp.arctan2(sine, jnp.where(is_real, jnp.sum(first * second, axis=1), 1.0))
 
 
-def axle_bound(
-    angle: Float[Array, " n_deviator"], ratio: Float[Array, " n_deviator"]
-) -> Float[Array, " n_deviator"]:
-    """Return the largest logarithm of the ratio of tensions on pulleys whose axles have friction.
+class FrictionCoefficients(NamedTuple):
+    """Coefficients of friction of one cable, without unit but the last; None: none of this kind.
 
-    `angle` is that of the deviation, rad; `ratio` the friction coefficient of the axle times its
-    radius over that of the pulley, below 1.
+    Attributes:
+        friction: of the cable on each deviator, [n - 1].
+        axle_friction: of the axles of pulleys, times the radius of the axle over that of the
+            pulley, [n - 1], below 1.
+        wobble: of unintended angles, 1/m.
     """
-    return 2 * jnp.arcsinh(ratio * jnp.sin(0.5 * angle) / jnp.sqrt(1 - ratio**2))
+
+    friction: Float[Array, " n_deviator"] | None
+    axle_friction: Float[Array, " n_deviator"] | None
+    wobble: Float[Array, ""] | None
+
+    def bound(
+        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
+    ) -> Float[Array, " n_deviator"]:
+        """Return the largest logarithm of the ratio of tensions at every deviator, [n - 1].
+
+        `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
+        """
+        bound = jnp.zeros_like(angle)
+        if self.friction is not None:
+            bound = bound + self.friction * angle
+        if self.axle_friction is not None:
+            ratio = self.axle_friction
+            bound = bound + 2 * jnp.arcsinh(ratio * jnp.sin(0.5 * angle) / jnp.sqrt(1 - ratio**2))
+        if self.wobble is not None:
+            bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
+        return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
 
 def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:

@@ -21,9 +21,9 @@ from .abilities import PHASE_INPUTS
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Scalar
 from .element_state import OwnState
 from .friction import (
+    FrictionCoefficients,
     StraightSegments,
     at_slip_limit,
-    axle_bound,
     deviation_angles,
     elongations_and_rates,
     segment_tensions,
@@ -269,11 +269,15 @@ class FrictionCables(SlidingCables):
 
     # --- one cable
 
+    def coefficients(self) -> FrictionCoefficients:
+        """Return the coefficients of friction of one cable."""
+        return FrictionCoefficients(self.friction, self.axle_friction, self.wobble)
+
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         segment, length = moved_segments_with_lengths(ends, motion)
         elongation = self.stuck_elongations(state, ends, motion)
-        bound = self.friction_bound(deviation_angles(segment[:-1], segment[1:]), length)
+        bound = self.coefficients().bound(deviation_angles(segment[:-1], segment[1:]), length)
         clamped = self.closed_clamps(state, length)
         segments = StraightSegments(self, length, elongation, bound, clamped, self._jack(state))
         return segments, segment_tensions(segments)
@@ -292,22 +296,6 @@ class FrictionCables(SlidingCables):
     ) -> Bool[Array, " n_deviator"]:
         """Return where one cable is clamped; `length` has the chords of its segments, [n], m."""
         return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
-
-    def friction_bound(
-        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
-    ) -> Float[Array, " n_deviator"]:
-        """Return the largest logarithms of ratios of tensions that friction allows, without clamps.
-
-        `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
-        """
-        bound = jnp.zeros_like(angle)
-        if self.friction is not None:
-            bound = bound + self.friction * angle
-        if self.axle_friction is not None:
-            bound = bound + axle_bound(angle, self.axle_friction)
-        if self.wobble is not None:
-            bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
-        return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
     def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""

@@ -14,7 +14,7 @@ slips: there is no equilibrium, and the result is NaN. (Derived for this package
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,13 @@ from ..common.types import Array, Bool, Float, Int
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from . import hanging
 from .element import Scalar
-from .friction import SegmentTensions, deviation_angles, mismatches, solve_small
+from .friction import (
+    FrictionCoefficients,
+    SegmentTensions,
+    deviation_angles,
+    mismatches,
+    solve_small,
+)
 from .hanging_terms import magnitude_and_direction
 from .slip_search import Jack, SegmentsThatSlip, tensions_and_signs
 
@@ -36,7 +42,7 @@ class HangingSegments(NamedTuple):
     """Hanging segments of one cable between its nodes, [n]; fillers have no length.
 
     Attributes:
-        cable: the element, of which `friction_bound` is asked.
+        coefficients: of friction.
         chord: from the first to the last end of each segment, [n, 3], m.
         length: of the chords, [n], m.
         stuck_elongation: chord minus unstressed length, if nothing slips now, [n], m.
@@ -46,7 +52,7 @@ class HangingSegments(NamedTuple):
         jack: None: there is no jack at the first end.
     """
 
-    cable: Any
+    coefficients: FrictionCoefficients
     chord: Float[Array, "n 3"]
     length: Float[Array, " n"]
     stuck_elongation: Float[Array, " n"]
@@ -103,7 +109,7 @@ def _hang(segments, elongation):
     drop = 0.5 * segments.chord @ segments.load / (1 + tension / segments.stiffness)
     half = 0.5 * unstressed[:, None] * segments.load[None]
     angle = deviation_angles((force - half)[:-1], (force + half)[1:])
-    bound = segments.cable.friction_bound(angle, segments.length)
+    bound = segments.coefficients.bound(angle, segments.length)
     return HangingShape(unstressed, force, tension, theta, drop, bound)
 
 

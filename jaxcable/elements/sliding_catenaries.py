@@ -109,7 +109,7 @@ class SlidingCatenaries(FrictionCables):
         chord, length = moved_segments_with_lengths(ends, motion)
         load = jnp.zeros_like(chord[0]) if state.line_load is None else state.line_load
         segments = HangingSegments(
-            self,
+            self.coefficients(),
             chord,
             length,
             self.stuck_elongations(state, ends, motion),
