@@ -101,7 +101,7 @@ def _hang(segments, elongation):
     force = jnp.where(real[:, None], force, 0.0)
     tension, unstressed = jnp.where(real, tension, 0.0), jnp.where(real, unstressed, 0.0)
     drop = 0.5 * segments.chord @ segments.load / (1 + tension / segments.stiffness)
-    half = 0.5 * unstressed[:, None] * segments.load
+    half = 0.5 * unstressed[:, None] * segments.load[None]
     angle = deviation_angles((force - half)[:-1], (force + half)[1:])
     bound = segments.cable.friction_bound(angle, segments.length)
     return HangingShape(unstressed, force, tension, theta, drop, bound)

@@ -171,11 +171,11 @@ class SlidingCatenaries(FrictionCables):
         hangs under the load of its present segments.
         """
         segments, _, shape = self._solve_shape(state, ends, motion)
-        half = 0.5 * shape.unstressed[:, None] * segments.load
+        half = 0.5 * shape.unstressed[:, None] * segments.load[None]
         first, last = shape.force + half, shape.force - half
         force = jnp.pad(last, ((1, 0), (0, 0))) - jnp.pad(first, ((0, 1), (0, 0)))
         share = self.split_among_ends(jnp.ones((1,), segments.length.dtype), ends[None])[0]
-        return force + share[:, None] * (state.rest_length * segments.load)
+        return force + share[:, None] * (state.rest_length * segments.load)[None]
 
     def sliding_load_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return nodal forces of the load of one cable minus its initial shares, N."""
@@ -183,7 +183,7 @@ class SlidingCatenaries(FrictionCables):
         half = 0.5 * shape.unstressed
         now = jnp.pad(half, (1, 0)) + jnp.pad(half, (0, 1))
         share = self.split_among_ends(jnp.ones((1,), half.dtype), ends[None])[0]
-        return (now - share * state.rest_length)[:, None] * segments.load
+        return (now - share * state.rest_length)[:, None] * segments.load[None]
 
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return energy and potential of the load of one cable, less that of its shares, J.
