@@ -115,7 +115,7 @@ def _vectors(first, last, load, stiffness, length, known, key):
     return np.array([[*flat, rise], [*flat, rise + WIDE(load) * length]])
 
 
-def _ratios_and_bounds(vectors, friction):
+def ratios_and_bounds(vectors, friction):
     """Logarithms of the ratios of tensions at the deviators, and friction times their angles."""
     before, after = vectors[:-1, 1], vectors[1:, 0]
     ratios = np.log((after**2).sum(axis=1) / (before**2).sum(axis=1)) / 2
@@ -139,7 +139,7 @@ def _solve_pattern(nodes, lengths, load, stiffness, friction, pattern):
         )
 
     def missed(vectors):
-        ratios, bounds = _ratios_and_bounds(vectors, friction)
+        ratios, bounds = ratios_and_bounds(vectors, friction)
         return ratios[slipping] - sign * bounds[slipping]
 
     slips = np.zeros(n - 1, WIDE)
@@ -193,7 +193,7 @@ def step(nodes, lengths, load, stiffness, friction):
         if found is None:
             continue
         slips, vectors = found
-        ratios, bounds = _ratios_and_bounds(vectors, friction)
+        ratios, bounds = ratios_and_bounds(vectors, friction)
         still, sign = np.array(pattern) == 0, np.array(pattern)
         # tolerances of rounding: both slips and logarithms are known to 1e-15
         sticks = np.abs(ratios) <= bounds + 1e-13
