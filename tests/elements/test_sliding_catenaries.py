@@ -248,3 +248,82 @@ def test_added_and_removed():
     assert_allclose(of_segments(solution.phases[1]), tensions.astype(float), rtol=1e-8)
     assert np.abs(slips).max() > 0.01
     assert_allclose(after, before, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_single_precision():
+    """In float32, as far as its digits go: EA/T = 1200 times its rounding of lengths, 6e-8."""
+    structure, phases = saddled(0.1)
+    exact = converged(jc.solve(structure, phases))
+    single = jax.tree.map(lambda x: np.asarray(x, np.float32), (structure, phases))
+    solution = converged(jc.solve(*single))
+    assert solution.displacement.dtype == np.float32
+    assert_allclose(of_segments(solution), of_segments(exact), rtol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", [1e-4, 2e-3, 0.02, 5.0])
+def test_deep_segments_slip_without_end(friction):
+    """A sag of half a span: where the line sticks it is in equilibrium; where it would slip, none.
+
+    The tension of a deep span rises with its length: what slips towards it makes it pull more.
+    """
+    nodes = np.array([[0.0, 0, 0], [100.0, 0, 0], [200.0, 0, 0]])
+    structure = line(friction, nodes, 1.56)
+    phases = [jc.Phase(loads=OWN), *moves(0, (-3.0, 0.0, 0.0))]
+    first, second = 0.5 * float(structure.elements["line"].rest_length[0]) * np.ones(2)
+    left, right = (
+        catenary(across, 0.0, WEIGHT, EA, length)
+        for across, length in ((103.0, first), (100.0, second))
+    )
+    assert left[1] > 0.5 * 103 and left[0][1] > right[0][0]
+    shapes = np.float64([left[0], right[0]])
+    solution = jc.solve(structure, phases)
+    # at the saddle the tangents turn by 2.6 rad, and the tensions differ by 0.9 %
+    if friction < 3e-3:
+        assert int(solution.status) != jc.status.OK
+        assert np.isnan(of_segments(solution)).all()
+    else:
+        converged(solution)
+        assert_allclose(of_segments(solution), shapes, rtol=1e-10)
+        assert np.abs(of_segments(solution, "slip")).max() == 0
+        assert_allclose(of_segments(solution, "segment_sag"), np.float64([left[1], right[1]]))
+
+
+@pytest.mark.slow
+def test_energy_of_a_cycle():
+    """Pulled back and forth, the line loses what friction costs, at first order of increments."""
+    friction, off = [0.1, 0.1], []
+    for count in (8, 16):
+        structure = line([friction])
+        ways = [jc.SupportMovement([0], (way, 0.0, 0.0)) for way in (-1.0, 1.0, -1.0)]
+        turns = [jc.Phase(loads=way, increments=count) for way in ways]
+        phases = [jc.Phase(loads=OWN), *turns]
+        solution = converged(jc.solve(structure, phases))
+        balance = jc.energy_balance(structure, phases, solution)
+        lost = 0.0
+        for before, phase in zip(solution.phases[1:], solution.phases[2:], strict=False):
+            results = phase.path.element_results
+            slips = np.asarray(results["slip"]["line"])[:, 0]
+            moved = np.diff(slips, axis=0, prepend=of_segments(before, "slip")[None])
+            ends = np.asarray(results["end_tensions"]["line"])[:, 0]
+            lost += np.abs(moved * (ends[:, 1:, 0] - ends[:, :-1, 1])).sum()
+        work = (balance.supports + balance.dead)[2:].sum() - balance.stored[2:].sum()
+        off.append(abs(lost / work - 1))
+    # the turning points lie within an increment
+    assert off[0] < 0.06 and off[1] < 0.6 * off[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "changes"),
+    [
+        ("law, area, section: a catenary is elastic", {"law": jc.Elastic(2e11), "area": 1e-4}),
+        ("law, area, section: a catenary is elastic", {"axial_stiffness": EA, "area": 1e-4}),
+        (r"friction\[0, 1\] = -0.1: must not be negative", {"friction": [[0.1, -0.1]]}),
+        ("links: no cable has a node between its ends", {"links": [[0, 1]]}),
+    ],
+)
+def test_messages(text, changes):
+    given = {"links": [[0, 1, 2, 3]]} | ({} if "law" in changes else {"axial_stiffness": EA})
+    with pytest.raises(ValueError, match=text):
+        jc.SlidingCatenaries(**given | changes)
