@@ -199,12 +199,14 @@ class FrictionCables(SlidingCables):
     ) -> FrictionState:
         """Return the state after the inputs of a phase; see the class for shortenings."""
         known = {name: stated for name, stated in inputs.items() if name != "clamped"}
+        stretch = _thermal_stretch(state)  # a temperature is applied after a shortening
         state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
         if "clamped" in inputs:
             stated = inputs["clamped"]
             state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
         if "shortening" in inputs:
-            state = copy_with(state, fed_length=state.fed_length - inputs["shortening"].values)
+            fed = inputs["shortening"].values / stretch
+            state = copy_with(state, fed_length=state.fed_length - fed)
         return state
 
     def committed_memory(
@@ -256,7 +258,7 @@ class FrictionCables(SlidingCables):
             state,
             rest_length=state.rest_length + fed,
             elongation=state.elongation - fed,
-            fed_length=state.fed_length + fed,
+            fed_length=state.fed_length + fed / _thermal_stretch(state),
             jack_force=None,
             jacked=None,
         )
@@ -287,9 +289,10 @@ class FrictionCables(SlidingCables):
         change, before, _ = segment_length_changes(ends, motion)
         slip = jnp.pad(state.memory * _thermal_stretch(state), 1)
         moved = jnp.diff(jnp.pad(state.initial_slip, 1))
-        elongation = (before - moved) / jnp.sum(before) * (state.elongation + state.fed_length)
+        fed = state.fed_length * _thermal_stretch(state)
+        elongation = (before - moved) / jnp.sum(before) * (state.elongation + fed)
         elongation = elongation + change + moved + slip[1:] - slip[:-1]
-        return elongation.at[0].add(-state.fed_length)
+        return elongation.at[0].add(-fed)
 
     def closed_clamps(
         self, state: OwnState, length: Float[Array, " n"]

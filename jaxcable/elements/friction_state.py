@@ -26,7 +26,8 @@ class FrictionState(AxialState):
     Attributes:
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
         fed_length: unstressed length fed in at the first end, where a jack or a shortening acts: it
-            is in the first segment only, [n_elem], m; negative where the cable is pulled out.
+            is in the first segment only, [n_elem], m, at the reference temperature; negative where
+            the cable is pulled out.
         initial_slip: slip over each deviator, relative to the initial nodes and towards the next
             segment, with which a cable of the initial length is added to the displaced nodes, so
             that all segments have one strain, [n_elem, n_deviator], m.

@@ -39,8 +39,8 @@ class SlidingCatenaries(FrictionCables):
     there. What slips takes its weight along.
 
     A deep segment, whose tension rises with its length, pulls ever more cable towards itself if it
-    slips: there is no equilibrium then (NOT_CONVERGED). It is deep from a sag of about a third of a
-    level span on.
+    slips: there is no equilibrium then, and the analysis ends with a status (NONFINITE, or
+    NOT_CONVERGED). It is deep from a sag of about a third of a level span on.
 
     `tension` of a cable is the mean over its chords, `segment_tension` the mean of both ends of
     each segment, `end_tensions` has both; `segment_sag`, `segment_length` (unstressed) and
@@ -196,7 +196,7 @@ class SlidingCatenaries(FrictionCables):
             jnp.where(real, shape.unstressed, 1.0),
             segments.stiffness,
         )
-        place = ends - ends[0] + motion
+        place = ends - ends[:1] + motion
         middle = 0.5 * (place[1:] + place[:-1])
         share = self.split_among_ends(jnp.ones((1,), middle.dtype), ends[None])[0]
         moved = state.rest_length * (share @ place) - shape.unstressed @ middle

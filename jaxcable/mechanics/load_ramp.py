@@ -30,7 +30,7 @@ from ..spaces.space import Motion
 from . import activation
 from .assembly import System
 from .elementwise import Memory, PerGroup, evaluate_elements
-from .restart_state import RestartState, make_system
+from .restart_state import RestartState, make_system, state_under_load
 
 
 @pytree
@@ -140,12 +140,14 @@ class LoadRamp:
                 restart = copy_with(restart, motion=changed.motion, states=changed.states)
                 released = released + jnp.where(data.dof_map.fixed, 0.0, changed.unbalanced)
         states, end_states, jacks = [], [], []
-        for group, state, inputs in zip(groups, restart.states, data.inputs, strict=True):
+        parts = zip(groups, restart.states, data.inputs, strict=True)
+        for number, (group, state, inputs) in enumerate(parts):
             end_state = jack = None
             known = accepted_inputs(group)
             state = state.reset_load_bearing_length()
             if "jacking" in inputs:
-                force = evaluate_elements("tension", group, state, nodes, restart.motion)
+                under = state_under_load(number, group, state, nodes, restart)
+                force = evaluate_elements("tension", group, under, nodes, restart.motion)
                 jack = (force, inputs["jacking"])
             stateable: Any = group  # a `Prestressable`: other groups accept no input
             sudden = {n: stated for n, stated in inputs.items() if not known[n].ramped}
@@ -266,13 +268,16 @@ class LoadRamp:
         `motion` is that of all rows in equilibrium; `memory` are history variables there, per
         group.
         """
+        now = self._restart_at(motion, self.states(parameter, memory), parameter)
         states = []
-        for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
-            locked = state.jack_force is not None
-            states.append(
-                evaluate_elements("lock_off", group, state, self.nodes, motion) if locked else state
-            )
-        return self._restart_at(motion, states, parameter)
+        for number, (group, state) in enumerate(zip(self.groups, now.states, strict=True)):
+            if state.jack_force is not None:
+                # hanging elements have their lengths under load
+                state = state_under_load(number, group, state, self.nodes, now)
+                state = evaluate_elements("lock_off", group, state, self.nodes, motion)
+                state = copy_with(state, element_load=None) if group.shaped_by_load else state
+            states.append(state)
+        return copy_with(now, states=states)
 
     def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]

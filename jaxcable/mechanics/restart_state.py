@@ -71,6 +71,19 @@ def with_loads_until(
     return restart.with_loads([stack.up_to_phase(phase) for stack in loads])
 
 
+def state_under_load(
+    number: int,
+    group: Element,
+    state: ElementState,
+    nodes: Float[Array, "n_row 3"],
+    restart: RestartState,
+) -> ElementState:
+    """Return a state of the group with index `number`, with the loads along its elements."""
+    if not group.shaped_by_load:
+        return state
+    return with_fields(state, element_load=element_load(number, group, state, nodes, restart))
+
+
 def make_system(
     nodes: Float[Array, "n_row 3"],
     groups: list[Element],
@@ -91,9 +104,7 @@ def make_system(
     if load is None:
         load = dead_load(nodes, groups, restart)
     states = [
-        with_fields(state, element_load=element_load(number, group, state, nodes, restart))
-        if group.shaped_by_load
-        else state
+        state_under_load(number, group, state, nodes, restart)
         for number, (group, state) in enumerate(zip(groups, restart.states, strict=True))
     ]
     space = space_class(groups).build(nodes, groups, dof_map, prescribed, restart.support_rotation)
