@@ -32,6 +32,7 @@ def examples():
     beams = jc.Beams(LINKS, SECTION, up=up, torsional_stiffness=[1e4] * 4, **spring)
     chains = jc.SlidingCables([[0, 4, 1], [2, 4, 3]], axial_stiffness=[1e5] * 2)
     ropes = jc.FrictionCables([[0, 4, 1]], axial_stiffness=[1e5], friction=[0.1])
+    hung = jc.SlidingCatenaries([[0, 4, 1]], axial_stiffness=[1e5], weight=[5.0])
     bars = jc.Bars(LINKS, area=[1e-4] * 4, law=LAW)
     clamps = jc.clamped([0]) + jc.restrained([1, 2, 3], "xyz", axes=np.eye(3))
     mask = np.zeros((5, 3), bool)
