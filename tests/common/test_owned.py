@@ -78,7 +78,7 @@ def examples():
         jc.PointLoads([0, 1], [0.2, 0.7], [[0, 0, -1.0]] * 2, moments=[[0, 1.0, 0]] * 2),
         jc.loads.Train([0, 1], np.array(0.5), [[0, 0, -1.0]] * 2, [0.3]),
         jc.loads.Crowd([0, 1], [0, 0, -1.0], [0.1, 0.6], [0.3, 0.9]),
-        *(beams, chains, ropes, bars, CABLES, clamps, jc.Supports(mask), rigid, structure),
+        *(beams, chains, ropes, hung, bars, CABLES, clamps, jc.Supports(mask), rigid, structure),
         *(jc.Catenaries(LINKS, [1e5] * 4, weight=[5.0] * 4), nodal, line, phase),
         *(jc.AreaLoads(faces, [0.0, 0.0, -1.0]), jc.FacePressure(faces, [5.0, 6.0]), parallel),
         *(jc.SupportMovement([0, 1], [[0.1, 0.0, 0.0]] * 2), jc.SelfWeight([0.0, 0.0, -1.0])),
