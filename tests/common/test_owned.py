@@ -32,6 +32,7 @@ def examples():
     beams = jc.Beams(LINKS, SECTION, up=up, torsional_stiffness=[1e4] * 4, **spring)
     chains = jc.SlidingCables([[0, 4, 1], [2, 4, 3]], axial_stiffness=[1e5] * 2)
     ropes = jc.FrictionCables([[0, 4, 1]], axial_stiffness=[1e5], friction=[0.1])
+    hung = jc.SlidingCatenaries([[0, 4, 1]], axial_stiffness=[1e5], weight=[5.0])
     bars = jc.Bars(LINKS, area=[1e-4] * 4, law=LAW)
     clamps = jc.clamped([0]) + jc.restrained([1, 2, 3], "xyz", axes=np.eye(3))
     mask = np.zeros((5, 3), bool)
@@ -77,7 +78,7 @@ def examples():
         jc.PointLoads([0, 1], [0.2, 0.7], [[0, 0, -1.0]] * 2, moments=[[0, 1.0, 0]] * 2),
         jc.loads.Train([0, 1], np.array(0.5), [[0, 0, -1.0]] * 2, [0.3]),
         jc.loads.Crowd([0, 1], [0, 0, -1.0], [0.1, 0.6], [0.3, 0.9]),
-        *(beams, chains, ropes, bars, CABLES, clamps, jc.Supports(mask), rigid, structure),
+        *(beams, chains, ropes, hung, bars, CABLES, clamps, jc.Supports(mask), rigid, structure),
         *(jc.Catenaries(LINKS, [1e5] * 4, weight=[5.0] * 4), nodal, line, phase),
         *(jc.AreaLoads(faces, [0.0, 0.0, -1.0]), jc.FacePressure(faces, [5.0, 6.0]), parallel),
         *(jc.SupportMovement([0, 1], [[0.1, 0.0, 0.0]] * 2), jc.SelfWeight([0.0, 0.0, -1.0])),

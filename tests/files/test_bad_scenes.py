@@ -131,7 +131,7 @@ def test_errors_of_the_schema_point_inside_of_an_element():
     ):
         errors = list(CHECK.iter_errors(changed(MAST, (path, value))))
         assert errors and all(list(e.absolute_path) == list(path) for e in errors)
-        assert len(errors[0].message) < 140
+        assert len(errors[0].message) < 170  # which lists all kinds of elements
     (error,) = CHECK.iter_errors(changed(MAST, (STIFF, GONE)))
     assert error.message.startswith("'axial_stiffness, or area and law, or section'")
     assert list(error.absolute_path) == list(GUYS)
