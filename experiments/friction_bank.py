@@ -43,7 +43,7 @@ def main():
 
     say = report_bank("friction_bank", KINDS, drawn_and_noted, judged_and_noted)
     say(
-        "\nFailures, with their seeds (EA over the tension, phase that failed; 1 is the pretension):"
+        "\nFailures, with their seeds (EA over the tension; phase that failed, 1: pretension):"
     )
     for (kind, code), scenes in failures.items():
         say(f"{kind}, {len(scenes)}: {jc.describe(code).split(';')[0]}\n  {', '.join(scenes)}")

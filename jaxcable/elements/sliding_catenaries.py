@@ -132,7 +132,7 @@ class SlidingCatenaries(FrictionCables):
         The sum of a pair is the load on the segment.
         """
         segments, _, shape = self._solve_shape(state, ends, motion)
-        half = 0.5 * shape.unstressed[:, None] * segments.load
+        half = 0.5 * shape.unstressed[:, None] * segments.load[None]
         return jnp.concatenate([half + shape.force, half - shape.force], axis=1)
 
     def segment_length(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:

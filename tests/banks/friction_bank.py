@@ -49,8 +49,7 @@ def _scene(numbers, nodes, links, free, others):
     for factor in (1.0, -1.7, 1.0):
         clamped = (rng.uniform(size=(n, width)) < 0.2).astype(float)
         load = jc.NodalLoads(free, factor * force)
-        own = {"clamped": {"ropes": clamped}}
-        phases.append(jc.Phase(loads=load, own=own, increments=2))
+        phases.append(jc.Phase(loads=load, clamped={"ropes": clamped}, increments=2))
     return structure, phases
 
 
@@ -141,7 +140,7 @@ def _errors_of_tensions(one, solution, k, places, tensions):
     """Largest difference of the tensions from those of `relaxed`, N."""
     ropes, phase, worst = one.structure.elements["ropes"], solution.phases[k], 0.0
     before = _slips_before(solution, k)
-    clamped = 0.0 if k == 0 else np.asarray(one.phases[k].own["clamped"]["ropes"])
+    clamped = 0.0 if k == 0 else np.asarray(one.phases[k].clamped["ropes"])
     start = np.asarray(one.structure.nodes)
     for r, chain in enumerate(ropes.links.array):
         n = len(np.unique(chain)) - 1

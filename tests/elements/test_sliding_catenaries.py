@@ -49,9 +49,9 @@ def saddled(friction, kind=jc.SlidingCatenaries, clamped=None, **more):
     cable = kind(links=[[0, 1, 2, 3]], **given, **numbers)
     groups = {"line": cable, "saddles": jc.Springs([1, 2], SPRINGS)}
     structure = jc.Structure(SPANS, groups, jc.pinned([0, 3]))
-    own = None if clamped is None else {"clamped": {"line": clamped}}
+    held = None if clamped is None else {"line": clamped}
     loads = [jc.NodalLoads([2], sign * ONE_SIDED) for sign in (1, -1)]
-    return structure, [jc.Phase(loads=OWN, own=own), *(jc.Phase(loads=load) for load in loads)]
+    return structure, [jc.Phase(loads=OWN, clamped=held), *(jc.Phase(loads=load) for load in loads)]
 
 
 SPRINGS = np.array([[2e5, 2e5, 1e6], [4e3, 4e3, 1e5]])  # N/m
@@ -84,6 +84,7 @@ def test_histories(name):
         # both are exact to some 1e-13; the issue asks for this
         assert_allclose(of_segments(phase), tensions.astype(float), rtol=1e-10)
         assert_allclose(of_segments(phase, "slip"), slid.astype(float), atol=1e-9)
+        assert_allclose(of_segments(phase, "segment_length"), lengths.astype(float), rtol=1e-12)
         signs.append(np.sign(np.where(np.abs(slips) > 1e-9, slips, 0.0)))
     assert {-1, 0, 1} == set(np.concatenate(signs))  # forth, back, and not at all
 
@@ -126,7 +127,7 @@ def test_without_friction_clamped_and_weightless():
         [[0, 1], [1, 2], [2, 3]], axial_stiffness=EA, weight=WEIGHT, rest_length=rest
     )
     groups = {"line": apart, "saddles": structure.elements["saddles"]}
-    phases = [jc.replace(phase, own=None) for phase in phases]
+    phases = [jc.replace(phase, clamped=None) for phase in phases]
     separate = converged(jc.solve(jc.replace(structure, elements=groups), phases))
     assert_allclose(held[0].displacement, separate.displacement, atol=1e-9)
     light = [
