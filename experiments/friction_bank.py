@@ -42,11 +42,9 @@ def main():
         return result
 
     say = report_bank("friction_bank", KINDS, drawn_and_noted, judged_and_noted)
-    say(
-        "\nFailures, with their seeds (EA over the tension; phase that failed, 1: pretension):"
-    )
+    say("\nFailures, with their seeds (EA over the tension; phase that failed, 1: pretension):")
     for (kind, code), scenes in failures.items():
-        say(f"{kind}, {len(scenes)}: {jc.describe(code).split(';')[0]}\n  {', '.join(scenes)}")
+        say(f"{kind}, {len(scenes)}: {jc.describe(code).split(',')[0]}\n  {', '.join(scenes)}")
     say.close()
 
 

@@ -6,6 +6,8 @@ clamped at random. `judged` compares with NumPy, written apart from the elements
 solver of the complementarity conditions at the positions reported, and forces at all nodes.
 """
 
+import dataclasses
+
 import numpy as np
 from banks.bar_bank import Drawn, Judged, Numbers
 from oracles.coulomb import angles, axle_bounds, relaxed
@@ -117,7 +119,7 @@ def judged(one, solution):
 
 
 def largest_error(one, solution):
-    """Largest error of tensions and of the balance of nodes, over the largest tension of a phase.
+    """Largest error of tensions and of the balance of nodes, over the largest force of a phase.
 
     Errors are those beyond the rounding of positions. Tensions are those at the end of each phase.
     """
@@ -127,7 +129,7 @@ def largest_error(one, solution):
             np.add.at(load, one.phases[k].loads.nodes.array, np.asarray(one.phases[k].loads.forces))
         places = np.asarray(phase.positions)
         tensions = np.asarray(phase.element_results["segment_tension"]["ropes"])
-        scale = max(tensions.max(), np.abs(load).max())
+        scale = max(tensions.max(), np.abs(load).max(), 1.0)
         rounding = 64 * np.finfo(float).eps * np.abs(places).max() * 10**0.5 * one.ratio
         off = _errors_of_tensions(one, solution, k, places, tensions)
         left = load + np.asarray(phase.reactions) + _forces(one, phase, places, tensions)
@@ -190,3 +192,11 @@ def _forces(one, phase, places, tensions):
         np.add.at(forces, links[:, :-1], pull)
         np.add.at(forces, links[:, 1:], -pull)
     return forces
+
+
+def with_other_ropes(one, **factors):
+    """The scene with numbers of its ropes changed by factors: a judgement has to refuse it."""
+    ropes = one.structure.elements["ropes"]
+    changed = {name: factor * np.asarray(getattr(ropes, name)) for name, factor in factors.items()}
+    elements = one.structure.elements | {"ropes": jc.replace(ropes, **changed)}
+    return dataclasses.replace(one, structure=jc.replace(one.structure, elements=elements))
