@@ -68,6 +68,7 @@ HISTORIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HISTORIES)
 def test_histories(name):
     """Nodes that are moved and moved back: tensions and slips of the oracle, step by step."""
@@ -109,6 +110,7 @@ def test_saddle_on_springs():
     assert slid[1][0] == 0 and slid[1][1] < -1 and slid[2][1] > 1
 
 
+@pytest.mark.slow
 def test_without_friction_clamped_and_weightless():
     """mu = 0 is one tension at a saddle; clamps are separate catenaries; no weight, straight."""
     free, none = (converged(jc.solve(*saddled(mu))) for mu in (None, 0.0))
@@ -207,6 +209,7 @@ def lengths_at_tensions(places, tensions):
     return np.array([length(*one) for one in zip(across, chord[:, 2], tensions, strict=True)])
 
 
+@pytest.mark.slow
 def test_jack_lock_off_draw_in_and_heat():
     """Losses along the line by the angles of its tangents; the anchor gives way; 30 K more."""
     friction = [0.2, 0.1]
