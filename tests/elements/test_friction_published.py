@@ -7,9 +7,8 @@ from oracles.convergence import converged
 import jaxcable as jc
 
 
-@pytest.mark.parametrize(
-    ("extra", "printed"), [(0, 0.309), pytest.param(2, 0.367, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("extra", "printed"), [(0, 0.309), (2, 0.367)])
 def test_lead_line_of_a_tackle(extra, printed):
     """Four parts of line on plain bearings, factor 1.09 a sheave, and two more lead-in sheaves.
 
