@@ -188,9 +188,12 @@ def test_losses_of_a_tendon():
 def weighed(p):
     """1 kN on both sides of a bar, one held by a spring; then more on the other: its way, m."""
     nodes = np.array([[-2.0, 0, 0], [0.0, 0, 0], [0.0, 0, -1.0], [-5.0, 0, 0]])
-    rope = jc.FrictionCables(links=[[0, 1, 2]], axial_stiffness=p["EA"], friction=p["mu"])
+    nodes = np.vstack([nodes, [[-1.0, 1, 0], [0.0, 1, 0], [1.0, 1, -1], [2.0, 1, 0]]])
+    # a longer chain beside it, so that the rope has fillers: derivatives go through them
+    chains = [[0, 1, 2], [4, 5, 6, 7]]
+    rope = jc.FrictionCables(links=chains, axial_stiffness=p["EA"], friction=p["mu"])
     spring = jc.Cables([[3, 0]], axial_stiffness=3e4)
-    held = jc.pinned([1, 3]) + jc.restrained([0], "yz") + jc.restrained([2], "xy")
+    held = jc.pinned([1, 3, 4, 5, 6, 7]) + jc.restrained([0], "yz") + jc.restrained([2], "xy")
     structure = jc.Structure(nodes, {"rope": rope, "spring": spring}, held)
     first, more = (
         jc.Phase(loads=jc.NodalLoads([2], jnp.stack([0.0, 0.0, -force])))
