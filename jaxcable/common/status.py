@@ -72,7 +72,8 @@ _TEXTS = {
     ),
     NONFINITE: (
         "a number became NaN or infinite; look for NaN in nodes, stiffness, pretension or loads, "
-        "for an element whose ends coincide, or for a shortening that leaves no length"
+        "for an element whose ends coincide, for a shortening that leaves no length, or for a deep "
+        "hanging cable that slips without end"
     ),
     SINGULAR: (
         "the stiffness of an increment is singular, so the incremental scheme cannot step; "

@@ -174,8 +174,8 @@ class FrictionCables(SlidingCables):
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        fed = jnp.zeros_like(state.rest_length)
-        return FrictionState(**fields, clamped=zero, fed_length=fed, initial_slip=zero)
+        fields["fed_length"] = jnp.zeros_like(state.rest_length)
+        return FrictionState(**fields, clamped=zero, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
@@ -188,8 +188,8 @@ class FrictionCables(SlidingCables):
     def initial_memory(self) -> Float[Array, "n_elem n_deviator"]:
         """Return the slips before the first phase, zeros, [n_elem, n_deviator], m."""
         count, width = index_array(self.links).shape
-        like = next(iter(self.properties().values()))
-        return jnp.zeros((count, width - 2), jnp.asarray(like).dtype)
+        dtype = jnp.asarray(next(iter(self.properties().values()))).dtype
+        return jnp.zeros((count, width - 2), dtype)
 
     def apply_phase_inputs(
         self,
@@ -199,7 +199,7 @@ class FrictionCables(SlidingCables):
     ) -> FrictionState:
         """Return the state after the inputs of a phase; see the class for shortenings."""
         known = {name: stated for name, stated in inputs.items() if name != "clamped"}
-        stretch = _thermal_stretch(state)  # a temperature is applied after a shortening
+        stretch = state.heat_factor  # a temperature is applied after a shortening
         state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
         if "clamped" in inputs:
             stated = inputs["clamped"]
@@ -258,7 +258,7 @@ class FrictionCables(SlidingCables):
             state,
             rest_length=state.rest_length + fed,
             elongation=state.elongation - fed,
-            fed_length=state.fed_length + fed / _thermal_stretch(state),
+            fed_length=state.fed_length + fed / state.heat_factor,
             jack_force=None,
             jacked=None,
         )
@@ -287,9 +287,9 @@ class FrictionCables(SlidingCables):
     def stuck_elongations(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
         """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
         change, before, _ = segment_length_changes(ends, motion)
-        slip = jnp.pad(state.memory * _thermal_stretch(state), 1)
+        slip = jnp.pad(state.memory * state.heat_factor, 1)
         moved = jnp.diff(jnp.pad(state.initial_slip, 1))
-        fed = state.fed_length * _thermal_stretch(state)
+        fed = state.fed_length * state.heat_factor
         elongation = (before - moved) / jnp.sum(before) * (state.elongation + fed)
         elongation = elongation + change + moved + slip[1:] - slip[:-1]
         return elongation.at[0].add(-fed)
@@ -320,7 +320,7 @@ class FrictionCables(SlidingCables):
         It is unstressed length at the reference temperature.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
-        return state.memory + slips(found) / _thermal_stretch(state)
+        return state.memory + slips(found) / state.heat_factor
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -396,8 +396,3 @@ class FrictionCables(SlidingCables):
         moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
         force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
         return jnp.abs(forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
-
-
-def _thermal_stretch(state):
-    """Return the unstressed length of one cable over that at the reference temperature."""
-    return 1.0 if state.thermal_stretch is None else state.thermal_stretch

@@ -37,6 +37,11 @@ class FrictionState(AxialState):
     fed_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
     initial_slip: Float[Array, "n_elem n_deviator"] = None  # type: ignore[assignment]  # always given
 
+    @property
+    def heat_factor(self) -> float | Float[Array, " n_elem"]:
+        """Unstressed length over that at the reference temperature, [n_elem]; 1 without heat."""
+        return 1.0 if self.thermal_stretch is None else self.thermal_stretch
+
 
 def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
     """Return the rule that a clamp is open or closed."""

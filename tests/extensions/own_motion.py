@@ -44,7 +44,7 @@ class InMotion:
 
 
 @pytree(static=("rho",), kw_only=True)
-class PrescribedMovement(System):
+class SystemInMotion(System):
     """A system at the end of a time step, whose external force includes inertia and damping.
 
     Elements with inner numbers are not foreseen.
@@ -113,17 +113,17 @@ class PrescribedMovement(System):
         for group, mass in zip(self.groups, self.masses, strict=True):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, x))
             blocks.append(jax.vmap(of_element)(mass, *placed))
-        return [*super().external_stiffness_parts(x), *self.parts(blocks, x)]
+        return [*super().external_stiffness_parts(x), *self.matrix_parts(blocks, x)]
 
     def nodes_without_stiffness(self, motion, slack=None):
         return jnp.zeros(len(motion), bool)  # a node that only slack cables touch has a mass
 
 
 def moving(system, begun, masses, duration, damping=0.0, rho=None):
-    """The `PrescribedMovement` of a system at the end of a step."""
+    """The `SystemInMotion` of a system at the end of a step."""
     given = {field.name: getattr(system, field.name) for field in dataclasses.fields(system)}
     numbers = {"damping": damping, "duration": duration, "rho": rho}
-    return PrescribedMovement(**given, begun=begun, masses=masses, **numbers)
+    return SystemInMotion(**given, begun=begun, masses=masses, **numbers)
 
 
 def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=None):
