@@ -10,6 +10,7 @@ Command    python experiments/deliverables.py   (three minutes on 2 cores; write
            results/deliverables_*.png. Needs the extra `reports`, with Typst 0.14 or newer)
 """
 
+import io
 import os
 import re
 import subprocess
@@ -19,6 +20,7 @@ import time
 from pathlib import Path
 
 import typst
+from PIL import Image
 from record import RESULTS, ROOT, Record
 
 import jaxcable as jc
@@ -61,7 +63,9 @@ def main():
             sheet = Path(folder, "sheet.typ")
             sheet.write_text(SHEETS.format(file=file, pages=", ".join(map(str, shown))), "utf-8")
             with atomic_write(RESULTS / f"deliverables_{name.split()[-1]}.png", "wb") as stream:
-                stream.write(typst.compile(sheet, format="png", ppi=90))
+                # with fewer points an inch Typst leaves out lines of points, and cuts letters
+                image = Image.open(io.BytesIO(typst.compile(sheet, format="png", ppi=180)))
+                image.convert("RGB").quantize(64).save(stream, format="png", optimize=True)
     say.close()
     structure, phases = jc.scenes.roof_ring()
     solution = jc.solve(structure, phases)

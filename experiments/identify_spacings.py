@@ -182,7 +182,7 @@ twelve deflections at all.""")
         xticklabels=NAMES,
         ylabel="spacing (m)",
         ylim=(0, 2.2),
-        title="Spacings with 95 % intervals, colours as on the left",
+        title="Spacings with 95 % intervals, colors as on the left",
     )
     right.legend(fontsize=8, loc="upper left")
     say.close(figure)

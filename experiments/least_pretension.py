@@ -170,11 +170,11 @@ def main():
     figure, (left, right) = plt.subplots(1, 2, figsize=(11.5, 4.8), layout="constrained")
     nodes = np.asarray(STRUCTURE.nodes)
     forces = np.asarray(found.params)[CABLE]
-    colours = plt.get_cmap("viridis")
+    colors = plt.get_cmap("viridis")
     for (a, b), force in zip(LINKS, forces, strict=True):
-        left.plot(*nodes[[a, b], :2].T, color=colours(force / forces.max()), linewidth=3)
+        left.plot(*nodes[[a, b], :2].T, color=colors(force / forces.max()), linewidth=3)
     left.scatter(*nodes[FREE, :2].T, color="black", s=14, zorder=3)
-    shades = plt.cm.ScalarMappable(plt.Normalize(0, forces.max()), colours)
+    shades = plt.cm.ScalarMappable(plt.Normalize(0, forces.max()), colors)
     figure.colorbar(shades, ax=left, label="force left by the jack (N)", shrink=0.85)
     left.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="Least pretension, plan")
     before, _ = fresh(start)

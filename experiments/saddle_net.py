@@ -362,7 +362,8 @@ def draw(runs, gaps, truth, field, fit):
     space.plot(*places[ANCHORS].T, "ks", markersize=2.5)
     space.set_box_aspect(np.ptp(places, axis=0), zoom=0.95)
     space.locator_params(nbins=4)
-    space.set(xlabel="x (m)", ylabel="y (m)", title="Identified form after phase 1, z in m")
+    space.set_xlabel("x (m)", labelpad=12)  # below its numbers
+    space.set(ylabel="y (m)", title="Identified form after phase 1, z in m")
     top = -FIELD.min()
     off = field - FIELD
     largest = np.abs(off).max()
@@ -371,10 +372,10 @@ def draw(runs, gaps, truth, field, fit):
         ("Computed after identification", -field, "viridis", 0, top, "deflection (m)"),
         ("Computed less published z", off, "RdBu_r", -largest, largest, "difference (m)"),
     )
-    for k, (title, values, colours, low, high, label) in enumerate(maps):
+    for k, (title, values, colors, low, high, label) in enumerate(maps):
         axis = figure.add_subplot(grid[1, 2 * k : 2 * k + 2])
         image = axis.imshow(
-            values, cmap=colours, vmin=low, vmax=high, extent=(0.5, 15.5, 6.5, 0.5), aspect="equal"
+            values, cmap=colors, vmin=low, vmax=high, extent=(0.5, 15.5, 6.5, 0.5), aspect="equal"
         )
         axis.set(xlabel="column of free nodes", ylabel="row", title=title)
         axis.set_xticks(range(1, 16, 2))

@@ -124,7 +124,7 @@ def topples_under_jacks(phases: Sequence[Phase], solution: Solution, fixed: Fixe
         return False
     if int(solution.status) != status.OK or not bool(solution.stable):
         return True
-    _, moved, extent = largest_movement(solution, fixed.array)
+    _, moved, extent = largest_movement(solution, fixed)
     return moved > 0.5 * extent
 
 

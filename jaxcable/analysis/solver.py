@@ -114,7 +114,7 @@ def solve(
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     jacked = any(one.jacking is not None or one.end_tension is not None for one in phases)
-    plausibility.warn_of_collapse(solution, jacked, task.fixed[-1].array)
+    plausibility.warn_of_collapse(solution, jacked, task.fixed[-1])
     if known is not None:
         solution = attach_recalled_derivative(solution, core, points, task.bundles)
     return as_user_solution(structure, solution, task)

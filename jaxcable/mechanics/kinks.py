@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from ..common.deferred import deferred
@@ -26,8 +27,8 @@ from .elementwise import evaluate_elements
 System: TypeAlias = Any
 """`assembly.System`, which cannot be imported here: it stands on this module."""
 
-_MOST_STEPS = 100
-"""Steps of the search for a movement, each of which can add one element to those it slackens."""
+_MOST_STEPS = 300
+"""Steps of the search for a movement; random nets with ten such elements need up to 25."""
 
 _LEAST_RATE = 1e-9
 """Shortening over the movement of the nodes below which it is rounding."""
@@ -160,8 +161,9 @@ def _elements_that_can_slacken(system, x, counted, places):
     Loose nodes have only slack and counted elements. Either there is a movement of them that
     shortens all counted elements that end there, or these can be stressed against each other
     (Gordan's theorem): then none is released. The movement is the point next to zero of the convex
-    hull of the forces that the elements exert on the nodes, found by Gilbert's algorithm (SIAM J.
-    Control 4, 1966, p. 61).
+    hull of the forces that the elements exert on the nodes, found by pairwise steps of Frank and
+    Wolfe (S. Lacoste-Julien and M. Jaggi, NIPS 28, 2015), which get near it also where forces are
+    nearly opposite.
     """
     idle = system.slack(x)
     for k, own in zip(places, counted, strict=True):
@@ -169,12 +171,10 @@ def _elements_that_can_slacken(system, x, counted, places):
     loose = system.nodes_without_stiffness(x, idle)
     mask = loose[system.dof_map.row_of_unknown]
     groups = [system.groups[k] for k in places]
-    sizes = [len(group.links) for group in groups]
     at_ends = system.gather_at_ends(system.nodes + x[:, :3])
     signs = [1.0 if group.tension_only else -1.0 for group in groups]
-    along = jnp.concatenate(
-        [sign * _second_minus_first_end(at_ends[k]) for k, sign in zip(places, signs, strict=True)]
-    )
+    chords = [s * _second_minus_first_end(at_ends[k]) for k, s in zip(places, signs, strict=True)]
+    along = jnp.concatenate(chords)
     along = along / jnp.sqrt(jnp.sum(along**2, axis=1, keepdims=True))
     ends = jnp.concatenate([group.links for group in groups])
     counted = jnp.concatenate(counted) & jnp.any(loose[ends], axis=1)
@@ -190,23 +190,25 @@ def _elements_that_can_slacken(system, x, counted, places):
         return jnp.where(counted, rate, jnp.inf)
 
     def improve(state):
-        step, _, count = state
-        longest = jnp.argmin(shortening(step))
-        towards = movement(jnp.zeros(len(along), x.dtype).at[longest].set(1.0)) - step
-        size = jnp.vdot(towards, towards)
-        # the point of the segment next to zero: beyond its ends it would leave the convex hull
-        part = jnp.clip(-jnp.vdot(towards, step) / jnp.where(size > 0, size, 1.0), 0.0, 1.0)
+        weights, step, rates, count = state
+        shortest = jnp.argmax(jnp.where(weights > 0, rates, -jnp.inf))
+        exchange = jnp.asarray(numbers == jnp.argmin(rates), x.dtype) - (numbers == shortest)
+        towards = movement(exchange)
+        part = -jnp.vdot(towards, step) / jnp.maximum(jnp.vdot(towards, towards), _LEAST_RATE**2)
+        part = jnp.clip(part, 0.0, weights[shortest])  # beyond it would leave the convex hull
         step = step + part * towards
-        return step, jnp.min(shortening(step)), count + 1
+        return weights + part * exchange, step, shortening(step), count + 1
 
-    step = movement(counted / jnp.maximum(jnp.sum(counted), 1))
-    state = step, jnp.min(shortening(step)), 0
-    _, rate, _ = lax.while_loop(
-        lambda state: (state[1] <= _LEAST_RATE) & (state[2] < _MOST_STEPS), improve, state
-    )
-    released = counted & (rate > _LEAST_RATE)
-    starts = [sum(sizes[:k]) for k in range(len(sizes))]
-    return [released[a : a + n] for a, n in zip(starts, sizes, strict=True)]
+    def goes_on(state):
+        _, step, rates, count = state  # no least rate exceeds the square of a step
+        longer = (jnp.min(rates) <= _LEAST_RATE) & (jnp.vdot(step, step) > _LEAST_RATE)
+        return longer & (count < _MOST_STEPS)
+
+    weights = jnp.asarray(counted, x.dtype) / jnp.maximum(jnp.sum(counted), 1)
+    numbers, step = jnp.arange(len(along)), movement(weights)
+    end = lax.while_loop(goes_on, improve, (weights, step, shortening(step), 0))
+    released = counted & (jnp.min(end[2]) > _LEAST_RATE)
+    return jnp.split(released, np.cumsum([len(group.links) for group in groups])[:-1])
 
 
 def _second_minus_first_end(values: Float[Array, "n_elem 2 3"]) -> Float[Array, "n_elem 3"]:

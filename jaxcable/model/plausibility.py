@@ -92,15 +92,21 @@ def warn_if_unstable(solution: Any) -> None:
 def largest_movement(solution: Any, held: FixedDofs) -> tuple[int, float, float]:
     """Return (node, distance, extent) for the node of a `Solution` that has moved farthest.
 
-    The distance counts beyond that of the farthest support, which somebody has moved: `held` are
-    the degrees of freedom that supports hold. The extent is the largest side of the bounding box of
-    the nodes before they moved. Distances are in m; the node is 0 if no number is finite.
+    The distance counts beyond what supports account for, because somebody has moved those: `held`
+    are the degrees of freedom that they hold. A support that is held in part counts along the
+    directions that it holds; one that is rotated by an angle carries nodes in a distance of the
+    extent along, by ``2 extent sin(angle / 2)``. The extent is the largest side of the bounding box
+    of the nodes before they moved. Distances are in m; the node is 0 if no number is finite.
     """
     moved, now = map(np.asarray, (solution.displacement, solution.positions))
-    sizes = np.linalg.norm(moved, axis=1)
+    sizes, extent = np.linalg.norm(moved, axis=1), float(np.ptp(now - moved, axis=0).max())
     node = int(np.nanargmax(sizes)) if np.isfinite(sizes).any() else 0
-    of_supports = sizes[held[: len(sizes), :3].all(axis=1)].max(initial=0.0)
-    return node, float(sizes[node] - of_supports), float(np.ptp(now - moved, axis=0).max())
+    turned = [] if solution.rotation is None else [np.asarray(solution.rotation)[:, 1:]]
+    directions = np.eye(3) if held.axes is None else held.axes.array[: len(sizes)].swapaxes(1, 2)
+    along = np.stack([moved, *(2 * extent * vectors for vectors in turned)], axis=1) @ directions
+    along = np.where(held.array[: len(sizes)].reshape(along.shape), along, 0.0)
+    of_supports = np.linalg.norm(along, axis=2).max(axis=0, initial=0.0).sum()
+    return node, float(sizes[node] - of_supports), extent
 
 
 @issues_warnings
@@ -276,10 +282,8 @@ def array_or_none(value):
 
 def drawn_or_given_lengths(group: Element, nodes: Positions) -> Float[np.ndarray, " n_elem"]:
     """Return the unstressed lengths given for a group, else those over its nodes, [n_elem], m."""
-    given = array_or_none(group.rest_length)
-    if given is None:
-        return lengths_over_nodes(group, nodes)
-    return np.broadcast_to(given, len(group.links))
+    given, drawn = array_or_none(group.rest_length), lengths_over_nodes(group, nodes)
+    return drawn if given is None else np.broadcast_to(given, len(drawn))
 
 
 def lengths_over_nodes(group, nodes):
@@ -311,9 +315,7 @@ def _describe_axis_off_centroid(label, section):
     Nothing for a section whose eccentricity is meant (``placed``), or with traced numbers. `label`
     is how a user writes it.
     """
-    if section.placed:
-        return
-    if any(array_or_none(leaf) is None for leaf in jax.tree.leaves(section)):
+    if section.placed or any(array_or_none(leaf) is None for leaf in jax.tree.leaves(section)):
         return
     off = np.array([float(v) for v in section.centroid()])
     size = max(np.ptp(section.y), np.ptp(section.z), float(section.total_area) ** 0.5)

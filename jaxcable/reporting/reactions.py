@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..analysis.results import Results
-from ..common.negligible import NEGLIGIBLE, vector_text, zero_negligible
+from ..common.negligible import NEGLIGIBLE, zero_negligible
 from ..common.types import Bool, Float, Int
+from ..common.units import SI
 from ..elements.sliding_catenaries import SlidingCatenaries
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
 from ..model.result_parts import (
@@ -21,6 +22,7 @@ from ..model.result_parts import (
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .columns import envelope_columns, without_blank_rows
+from .load_descriptions import range_with_unit
 from .states import EnvelopeState, ReportedAnalysis
 from .table import Column, Table, make_table
 
@@ -175,8 +177,8 @@ def reaction_table(of: ReportedAnalysis) -> Table:
     ]
     size = np.nansum(np.abs(final[:, :3]))
     total = zero_negligible(total_reaction(of.structure, of.state), size)
-    text = vector_text(of.units.from_si(total, "N"))
-    notes = [f"sum of the forces: {text} {of.units.name('N')}"]
+    text = range_with_unit(total, "N", None if of.units is SI else of.units, is_vector=True)
+    notes = [f"sum of the forces: {text}"]
     if np.isnan(final[:, :3]).any():
         notes.append("blank: direction not supported in the final state")
     return make_table("Support reactions (on the structure)", columns, notes)

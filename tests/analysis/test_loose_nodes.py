@@ -61,8 +61,8 @@ class Net:
         return sum(jnp.vdot(a, b) for a, b in pairs)
 
 
-SEEDS = [10, 14]  # kinks up to rounding, and tensions below the tolerance of equilibrium
-LACKING = [79, 84]  # a known defect: NaN where differences find a derivative
+# kinks up to rounding; tensions below the tolerance of equilibrium; cables that are nearly opposite
+SEEDS = [10, 14, 84]
 
 
 @pytest.mark.quick_cases(*map(str, SEEDS))
@@ -76,8 +76,6 @@ def test_both_modes_are_the_difference(seed):
     reverse = net.product(jax.grad(net.measure)(net.params))
     _, forward = jax.jvp(net.measure, (net.params,), (net.change,))
     np.testing.assert_allclose(forward, reverse, rtol=1e-9)
-    if seed in LACKING and np.isnan(reverse):
-        pytest.xfail("tensions that are rounding count as those of a kink")
     np.testing.assert_allclose(net.difference(net.measure), reverse, rtol=1e-3, atol=1.0)
 
 

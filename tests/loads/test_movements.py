@@ -59,6 +59,45 @@ def test_a_structure_that_is_carried_away_has_not_collapsed():
     assert solution.tension == pytest.approx(EA * (1 - REST) / REST, rel=1e-9)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_supports_that_are_held_in_part_carry_a_structure_away(angle):
+    """By ten times its size along one of two directions that are held; the force is as above."""
+    c, s = np.cos(angle), np.sin(angle)
+    axes = [[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]
+    ends = jc.restrained([0, 2], "xz", axes=axes) + jc.restrained([1], "y")
+    nodes = np.array([[-c, 0, s], [0, 0, 0], [c, 0, -s]])
+    structure = jc.Structure(nodes, jc.Cables([[0, 1], [1, 2]], axial_stiffness=EA), ends)
+    move = np.array([20 * s, 0.0, 20 * c])
+    carried = jc.Phase(rest_length=REST, loads=jc.SupportMovement([0, 2], move))
+    solution = jc.solve(structure, carried)
+    assert int(solution.status) == 0
+    np.testing.assert_allclose(solution.displacement[1], move, atol=20e-9)
+    assert solution.tension == pytest.approx(EA * (1 - REST) / REST, rel=1e-9)
+
+
+def test_a_beam_that_a_support_turns_by_half_a_turn_has_not_collapsed():
+    """Its free end, which moves by twice its length of 2 m, to 1e-9; nothing is bent."""
+    beam = jc.Beams([[0, 1]], section=jc.Section.linear(EA=1e8, EIy=1e6, EIz=1e6, GJ=1e6))
+    structure = jc.Structure([[0.0, 0, 0], [2.0, 0, 0]], beam, jc.clamped([0]))
+    turn = jc.SupportMovement([0], (0.0, 0.0, 0.0), rotations=(0.0, 0.0, np.pi))
+    solution = jc.solve(structure, jc.Phase(loads=turn, increments=8))
+    assert int(solution.status) == 0
+    np.testing.assert_allclose(solution.displacement[1], [-4.0, 0.0, 0.0], atol=4e-9)
+
+
+def test_a_roller_that_runs_away_is_no_moved_support():
+    """A bar on a track along x, pushed: its far end turns over, and the track holds z alone."""
+    bar = jc.Bars([[0, 1]], axial_stiffness=1e6)
+    supports = jc.restrained([0], "yz") + jc.restrained([1], "y")
+    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], bar, supports)
+    spring = jc.Springs([0], stiffness=(10.0, 0.0, 0.0))
+    structure = jc.replace(structure, elements={"bar": bar, "track": spring})
+    push = jc.NodalLoads([0, 1], [[30.0, 0, 0], [0.0, 0, -10.0]])
+    with pytest.warns(jc.InputWarning, match="it has fallen over"):
+        solution = jc.solve(structure, jc.Phase(loads=push, increments=10))
+    assert int(solution.status) == 0
+
+
 def test_gradient_by_the_movement():
     def value(move):
         force, solution = spread(move, 0.5 * MOVE)
