@@ -26,7 +26,7 @@ def line(friction, nodes=SPANS, longer=1.004, kind=jc.SlidingCatenaries, **more)
     given = {} if friction is None else {"friction": friction}
     cable = kind(links=[range(n)], **given, **numbers)
     # `solve` needs a node that moves
-    nodes = np.vstack([nodes, nodes[-1:] + [0.0, 0.0, 1.0]])
+    nodes = np.vstack([nodes, nodes[-1:] + np.array([0.0, 0.0, 1.0])])
     groups = {"line": cable, "mast": jc.Bars([[n - 1, n]], axial_stiffness=1e9)}
     return jc.Structure(nodes, groups, jc.pinned(range(n)) + jc.restrained([n], "xy"))
 
@@ -225,7 +225,9 @@ def test_jack_lock_off_draw_in_and_heat():
     assert_allclose(ratios.astype(float), -bounds.astype(float), rtol=1e-9)
     rest = float(solution.phases[1].rest_length["line"][0])
     assert rest == pytest.approx(lengths.sum(), rel=1e-13)
-    [(slips, lengths, tensions, _)] = step(SPANS, lengths + [0.1, 0, 0], WEIGHT, EA, friction)
+    [(slips, lengths, tensions, _)] = step(
+        SPANS, lengths + np.array([0.1, 0, 0]), WEIGHT, EA, friction
+    )
     assert_allclose(drawn, tensions.astype(float), rtol=1e-10)
     assert slips[0] > 0 == slips[1]  # it reaches the first saddle only
     grown = 1 + 30 * 1.2e-5
