@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
@@ -288,6 +289,10 @@ def _catenary_shapes(group, positions, pull, length):
     hangs = jnp.any(pull[..., 0, :] != 0, axis=-1)
     chord = last - first
     own = jnp.where(hangs[..., None], pull[..., 0, :], chord)
+    if group.slides:  # fillers of shorter cables have no direction and length: any, for derivatives
+        filler = np.broadcast_to(chain[:, 1:] == chain[:, :-1], length.shape)
+        own = jnp.where(filler[..., None], jnp.ones_like(own), own)
+        length = jnp.where(filler, 1.0, length)
     return ElementShapes(first, last, own, load, length, stiffness, hangs)
 
 

@@ -24,7 +24,6 @@ from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.abilities import Hanging
-from ..elements.sliding_catenaries import SlidingCatenaries
 from ..loads.groups import indices_of_groups
 from ..model.structure import Structure
 from ..numerics import scaled
@@ -140,6 +139,7 @@ def sags(
         if not isinstance(group, CATENARIES):
             found.append(None)
             continue
+        shapes, there = _without_fillers(group, shapes, there)
         own = map_shapes(_element_sag, shapes)
         found.append(jax.tree.map(lambda x, there=there: _nan_where_inactive(there, x), own))
     return structure.arrange(found)
@@ -161,9 +161,9 @@ def horizontal_tensions(
 
     Returns:
         Forces in the shape of `elements`, each [n_elem], N, positive in tension and zero for
-        elements that are not active; [n_elem, n_segment] for `SlidingCatenaries`, None for other
-        groups without an axial force or with more than two nodes an element. NaN where the ends
-        lie above each other, and for fillers.
+        elements that are not active; of `SlidingCatenaries` [n_elem, n_segment], zero for fillers;
+        None for other groups without an axial force or with more than two nodes an element. NaN
+        where the ends lie above each other.
 
     Raises:
         ValueError: not a state, or of another structure.
@@ -181,11 +181,12 @@ def horizontal_tensions(
     forces = tensions_of_shapes(structure, state)
     every = element_shapes(structure, state)
     for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
-        if isinstance(group, SlidingCatenaries):
-            there = there[..., None]
-        elif force is None or group.links.shape[1] != 2:
+        hangs = isinstance(group, CATENARIES)
+        if force is None or (not hangs and group.links.shape[1] != 2):
             found.append(None)
             continue
+        if hangs:
+            shapes, there = _without_fillers(group, shapes, there)
         own = map_shapes(ElementShapes.horizontal_part, shapes)
         found.append(_horizontal_parts(shapes, own, force, there))
     return structure.arrange(found)
@@ -247,6 +248,21 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
             )
         nodes += row[1:] if row[0] == nodes[-1] else row[-2::-1]
     return nodes
+
+
+def _without_fillers(group, shapes, there):
+    """Return `ElementShapes`, level lines in place of fillers of shorter cables, and a mask.
+
+    The mask says which elements, or segments of cables that slide, are active and no fillers.
+    Fillers have no length: derivatives by it would be NaN.
+    """
+    if not group.slides:
+        return shapes, there
+    real = np.broadcast_to(
+        group.links.array[:, 1:] != group.links.array[:, :-1], shapes.hangs.shape
+    )
+    level = straight_shapes(shapes.first, shapes.first.at[..., 0].add(1.0))
+    return _select_shapes(real, shapes, level), there[..., None] & real
 
 
 @as_program

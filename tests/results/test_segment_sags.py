@@ -1,12 +1,14 @@
 """Sags, curves and end tensions of segments of hanging cables that slide, integrated apart."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import hung_lines
 
 import jaxcable as jc
 from jaxcable import results
+from jaxcable.common.tree import copy_with
 
 NEAR = 1e-8  # m, of lengths of 360 m: tensions are found to 1e-10 of the largest
 
@@ -59,14 +61,36 @@ def test_curves_and_end_tensions_of_segments(lines):
 
 
 def test_batches_have_axes_in_front(lines):
-    structure, solution, _ = lines
+    structure, solution, cables = lines
     batch = jax.tree.map(lambda x: np.stack([x, x]), solution)
     sag = results.sags(structure, batch, {"part": [2, 1]})["part"]
-    np.testing.assert_allclose(sag.midspan, np.full(2, hung_lines_sag(lines)), rtol=1e-9)
+    np.testing.assert_allclose(sag.midspan, np.full(2, cables[0, 1].sag_at_midspan()), atol=NEAR)
     assert results.sags(structure, batch)["lines"].midspan.shape == (2, 2, 3)
     assert results.horizontal_tensions(structure, batch)["lines"].shape == (2, 2, 3)
 
 
-def hung_lines_sag(lines):
-    """Sag of the segment between the nodes 1 and 2, m."""
-    return lines[2][0, 1].sag_at_midspan()
+def test_derivatives_pass_by_fillers(lines):
+    """By a factor on the forces of all segments, beside a difference quotient."""
+    structure, solution, _ = lines
+
+    def numbers(factor):
+        own = dict(solution.last.results)
+        own["segment_pull"] = {
+            **own["segment_pull"],
+            "lines": factor * own["segment_pull"]["lines"],
+        }
+        state = copy_with(solution.last, results=own)
+        return jnp.stack(
+            [
+                results.sags(structure, state)["lines"].midspan[1, 0],
+                results.horizontal_tensions(structure, state)["lines"][1, 1],
+                jc.forms.catenary_curves(structure, state, 5)["lines"][1, 0, 2, 2],
+                jc.forms.end_tensions(structure, state)["lines"][1, 0, 1],
+            ]
+        )
+
+    exact, step = np.asarray(jax.jacfwd(numbers)(1.0)), 1e-4
+    quotient = (numbers(1.0 + step) - numbers(1.0 - step)) / (2 * step)
+    # the third derivative is some ten times the value, an error of 1e-7; rounding is 1e-12 / step
+    np.testing.assert_allclose(exact, quotient, rtol=1e-6)
+    assert np.abs(jax.jacrev(numbers)(1.0) - exact).max() < 1e-9 * np.abs(exact).max()
