@@ -15,7 +15,7 @@ from ..elements.element import Element
 from ..elements.phase_input import InputValues
 from .plausibility import (
     STATE_UNITS,
-    FixedDofs,
+    FixedMask,
     NamedGroups,
     array_or_none,
     describe_first_wrong,
@@ -100,10 +100,10 @@ def warn_of_prestress(
 def warn_of_nodal_loads(
     number: int,
     loads: Sequence[Any],
-    fixed: FixedDofs,
+    fixed: FixedMask,
     groups: Sequence[Element],
     alone: bool,
-    inactive: FixedDofs | None = None,
+    inactive: FixedMask | None = None,
 ) -> Iterator[str]:
     """Warn of nodal loads that act on supports only, or that strain their elements beyond reason.
 
@@ -195,7 +195,7 @@ def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
 def warn_of_free_ends(
     nodes: Float[ArrayLike, "n_node 3"],
     named: NamedGroups,
-    fixed: Sequence[FixedDofs],
+    fixed: Sequence[FixedMask],
     joined: Sequence[Int[np.ndarray, " n"]],
 ) -> Iterator[str]:
     """Warn of nodes without support and load that cables alone hold, all of them from one side.
@@ -244,7 +244,7 @@ def warn_of_free_ends(
 
 @issues_warnings
 def warn_if_all_nodes_held(
-    number: int, fixed: FixedDofs, groups: Sequence[Element]
+    number: int, fixed: FixedMask, groups: Sequence[Element]
 ) -> Iterator[str]:
     """Warn if supports hold every node of a phase, unless elements can still deform under load.
 

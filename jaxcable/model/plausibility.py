@@ -19,6 +19,7 @@ from ..common import checks, status
 from ..common.types import ArrayLike, Bool, Float
 from ..elements.element import Element
 from ..sections import LinearSection
+from .supports import FixedDofs
 
 MAX_LENGTH_RATIO = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
@@ -45,7 +46,7 @@ AXIS_TOLERANCE = 1e-6
 ZERO_BENDING = 1e-12
 """Bending stiffness over EA and the square of the section's size that is nothing but rounding."""
 
-FixedDofs: TypeAlias = 'Bool[np.ndarray, "n_row n_freedom"]'
+FixedMask: TypeAlias = 'Bool[np.ndarray, "n_row n_freedom"]'
 """True where a freedom is held, [n_row, 3 or 6]."""
 Positions: TypeAlias = 'Float[np.ndarray, "n_node 3"]'
 NamedGroups: TypeAlias = Sequence[tuple[str, Element]]
@@ -161,7 +162,7 @@ def warn_of_degrees(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterato
 
 @issues_warnings
 def warn_of_coincident_nodes(
-    nodes: Positions, touched: Bool[np.ndarray, " n_node"], fixed: FixedDofs
+    nodes: Positions, touched: Bool[np.ndarray, " n_node"], fixed: FixedMask
 ) -> Iterator[str]:
     """Warn of two nodes at the same position with different numbers, unless both are held.
 
@@ -229,7 +230,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
 
 
 @issues_warnings
-def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
+def warn_of_zero_bending(named: NamedGroups, fixed: FixedMask) -> Iterator[str]:
     """Warn of beams whose section does not resist bending.
 
     No error: under tension a beam without bending stiffness can have an equilibrium, as a cable.

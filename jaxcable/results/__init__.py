@@ -2,7 +2,7 @@
 
 from ..analysis.phase_results import Path, PhaseResult, PhaseResults
 from ..analysis.solution import Solution, State
-from .cable_sags import Sag, horizontal_tensions, nodes_along, sags
+from .cable_sags import horizontal_tensions, nodes_along, sags
 from .clearances import (
     Clearance,
     clearance_over_ground,
@@ -12,6 +12,7 @@ from .clearances import (
 from .energy import EnergyBalance, energy_balance
 from .internal_forces import section_forces
 from .rotations import Tilt, element_tilts, node_tilts, rotation_vectors
+from .sag import Sag
 from .stresses import fibre_stress
 
 __all__ = [
