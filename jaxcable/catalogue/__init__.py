@@ -4,18 +4,18 @@ Each number has a source, which the records name. A manufacturer's certificate r
 `load` reads one of your own.
 """
 
-from .cables import CableRecord, cable, cable_names, load
-from .profiles import ProfileRecord, profile, profile_names, profile_record
+from .cables import CableData, cable, cable_names, load
+from .profiles import ProfileData, profile, profile_data, profile_names
 from .ropes import rope
 
 __all__ = [
-    "CableRecord",
-    "ProfileRecord",
+    "CableData",
+    "ProfileData",
     "cable",
     "cable_names",
     "load",
     "profile",
+    "profile_data",
     "profile_names",
-    "profile_record",
     "rope",
 ]

@@ -22,7 +22,7 @@ _NEEDED = ("name", "area_mm2", "breaking_force_kn")
 
 
 @dataclasses.dataclass(frozen=True)
-class CableRecord:
+class CableData:
     """Numbers of a cable in SI units, with the arguments of elements.
 
     ``jc.Cables(links, **data)`` hands on `axial_stiffness`, `weight`, `strength` and `expansion`,
@@ -84,7 +84,7 @@ class CableRecord:
         return getattr(self, name)
 
 
-def cable(name: str, *, count: int = 1) -> CableRecord:
+def cable(name: str, *, count: int = 1) -> CableData:
     """Return the numbers of a cable of the tables, ready for elements.
 
     Among them are open spiral strands and full locked coil ropes (Galfan and stainless), 7-wire
@@ -102,7 +102,7 @@ def cable(name: str, *, count: int = 1) -> CableRecord:
         count: number of equal cables side by side, as of the strands of a tendon.
 
     Returns:
-        `CableRecord`.
+        `CableData`.
 
     Raises:
         ValueError: an unknown name, with the nearest ones; a count that is no whole number.
@@ -160,7 +160,7 @@ def cable_names(kind: str | None = None) -> list[str]:
     return [row.text("name") for row in _rows() if kind in (None, row.text("kind"))]
 
 
-def load(path: str | PathLike[str]) -> dict[str, CableRecord]:
+def load(path: str | PathLike[str]) -> dict[str, CableData]:
     """Load cables from a table of your own, as from the certificates of a manufacturer.
 
     The columns are those of the package's tables, with their units: ``name``, ``area_mm2`` and
@@ -174,7 +174,7 @@ def load(path: str | PathLike[str]) -> dict[str, CableRecord]:
             an object that has a list of rows: ``{"cables": [{"name": ..., "area_mm2": ...}]}``.
 
     Returns:
-        Dict from name to `CableRecord`.
+        Dict from name to `CableData`.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
@@ -200,7 +200,7 @@ def load(path: str | PathLike[str]) -> dict[str, CableRecord]:
 
 @functools.cache
 def _cables_by_name():
-    """Read the package's cables: `CableRecord` by `plain_name`, also of their other names."""
+    """Read the package's cables: `CableData` by `plain_name`, also of their other names."""
     return {plain_name(name): _cable_from_row(row) for row in _rows() for name in _all_names(row)}
 
 
@@ -216,7 +216,7 @@ def _all_names(row):
 
 
 def _cable_from_row(row):
-    """Return the `CableRecord` of a `TableRow`, whose columns are those of `load`, in SI units.
+    """Return the `CableData` of a `TableRow`, whose columns are those of `load`, in SI units.
 
     Raise FileError, which names the row, for an empty or wrong field, and unless exactly one of
     stiffness and modulus is given.
@@ -227,7 +227,7 @@ def _cable_from_row(row):
     stiffness, modulus = si_value(row, "axial_stiffness_mn"), si_value(row, "modulus_gpa")
     if (stiffness is None) == (modulus is None):
         raise FileError(f"{row.place}: give one of axial_stiffness_MN and modulus_GPa")
-    return CableRecord(
+    return CableData(
         name=row.text("name"),
         kind=row.text("kind"),
         construction=row.text("construction"),

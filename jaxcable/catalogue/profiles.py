@@ -34,7 +34,7 @@ _MANUFACTURES = ("hot-finished", "cold-formed")
 
 
 @dataclasses.dataclass(frozen=True)
-class ProfileRecord:
+class ProfileData:
     """Numbers of a profile in SI units, from its table; of a hollow section, from its dimensions.
 
     y is the axis along the flanges and z that along the web; legs of an angle are along both. What
@@ -57,7 +57,7 @@ class ProfileRecord:
         source: where the numbers are from.
 
     Example:
-        >>> data = jc.catalogue.profile_record("IPE 300")
+        >>> data = jc.catalogue.profile_data("IPE 300")
         >>> print(f"{1e3 * data.h:.0f} x {1e3 * data.b:.0f} mm, {1e4 * data.A:.1f} cm2")
         300 x 150 mm, 53.8 cm2
         >>> print(f"Iy {1e8 * data.Iy:.0f} cm4, Wpl,y {1e6 * data.Wpl_y:.0f} cm3")
@@ -130,7 +130,7 @@ def profile(
     Raises:
         ValueError: an unknown name, with the nearest ones; dimensions that make no section.
 
-    Source: `ProfileRecord` names it.
+    Source: `ProfileData` names it.
 
     Example:
         >>> section = jc.catalogue.profile("HEA 200", jc.Elastic(210e9))
@@ -143,10 +143,10 @@ def profile(
         >>> print(f"{1e4 * tube.total_area:.1f} cm2")
         44.8 cm2
     """
-    return _make_section(profile_record(name, manufacture=manufacture), law, size)
+    return _make_section(profile_data(name, manufacture=manufacture), law, size)
 
 
-def profile_record(name: str, *, manufacture: str = "hot-finished") -> ProfileRecord:
+def profile_data(name: str, *, manufacture: str = "hot-finished") -> ProfileData:
     """Return the record of a profile: dimensions, mass, second moments, moduli, source.
 
     Args:
@@ -156,16 +156,16 @@ def profile_record(name: str, *, manufacture: str = "hot-finished") -> ProfileRe
         manufacture: as in `profile`.
 
     Returns:
-        `ProfileRecord`.
+        `ProfileData`.
 
     Raises:
         ValueError: as `profile`.
 
     Example:
-        >>> print(jc.catalogue.profile_record("HE 200 A").name)
+        >>> print(jc.catalogue.profile_data("HE 200 A").name)
         HEA 200
         >>> try:
-        ...     jc.catalogue.profile_record("HEA 210")
+        ...     jc.catalogue.profile_data("HEA 210")
         ... except ValueError as error:
         ...     print(str(error).split(";")[1].strip())
         near it are HEA 220, HEA 200, HEA 240
@@ -180,7 +180,7 @@ def profile_record(name: str, *, manufacture: str = "hot-finished") -> ProfileRe
     return table[plain]
 
 
-NAMED_RECORDS["Profile"] = profile_record  # in scene files
+NAMED_RECORDS["Profile"] = profile_data  # in scene files
 
 
 def profile_names(family: str | None = None) -> list[str]:
@@ -222,13 +222,13 @@ def _hollow_names() -> Iterator[str]:
 
 @functools.cache
 def _rolled_table():
-    """Read the rolled profiles of the package: `ProfileRecord` by `plain_name`."""
+    """Read the rolled profiles of the package: `ProfileData` by `plain_name`."""
     rows = package_rows("profiles.csv", PROFILE_COLUMNS)
     return {plain_name(row.text("name")): _rolled_profile(row) for row in rows}
 
 
 def _rolled_profile(row):
-    """Return the `ProfileRecord` of a `TableRow` of rolled profiles, in SI units.
+    """Return the `ProfileData` of a `TableRow` of rolled profiles, in SI units.
 
     Elastic moduli are computed from the second moments in the table and the nominal dimensions.
     """
@@ -238,7 +238,7 @@ def _rolled_profile(row):
     moments = needed_value(row, "iy_cm4"), needed_value(row, "iz_cm4")
     extent = _edge_distances(_section_cells(shape, h, b, tw, tf, r, r2, max(h, b)))
     plastic = si_value(row, "wpl_y_cm3"), si_value(row, "wpl_z_cm3")
-    return ProfileRecord(
+    return ProfileData(
         *(name, _family_name(name), shape, h, b, tw, tf, r, r2, needed_value(row, "mass_kg_per_m")),
         *(needed_value(row, "a_cm2"), *moments, needed_value(row, "it_cm4")),
         *(moments[0] / extent[1], moments[1] / extent[0], *plastic),
@@ -247,7 +247,7 @@ def _rolled_profile(row):
 
 
 def _hollow_profile(found, manufacture):
-    """Return the `ProfileRecord` of a hollow section, computed from its dimensions in mm.
+    """Return the `ProfileData` of a hollow section, computed from its dimensions in mm.
 
     Corner radii are those of EN 10210-2 (hot-finished) or EN 10219-2 (cold-formed). Raise
     ValueError for a wrong number of dimensions, or a wall too thick for them.
@@ -282,7 +282,7 @@ def _hollow_profile(found, manufacture):
         if shape == "circle"
         else (_plastic_modulus(h, b, t, r, r2), _plastic_modulus(b, h, t, r, r2))
     )
-    return ProfileRecord(
+    return ProfileData(
         *(name, kind, shape, h, b, t, t, r, r2, STEEL_DENSITY * area, area, Iy, Iz, torsion),
         *(2 * Iy / h, 2 * Iz / b, *plastic, source),
     )
@@ -300,9 +300,9 @@ def _plastic_modulus(h, b, t, outer, inner):
 
 
 def _section_cells(shape, h, b, tw, tf, r, r2, size) -> list[Quad]:
-    """Return the quadrilateral cells of a section of a `ProfileRecord.shape`, in axes of its own.
+    """Return the quadrilateral cells of a section of a `ProfileData.shape`, in axes of its own.
 
-    Dimensions are those of `ProfileRecord`, m; `size` is the largest side of a cell, m. The axes
+    Dimensions are those of `ProfileData`, m; `size` is the largest side of a cell, m. The axes
     are those of `rolled`.
     """
     if shape == "I":
@@ -318,7 +318,7 @@ def _section_cells(shape, h, b, tw, tf, r, r2, size) -> list[Quad]:
 
 
 def _torsion_constant(shape, h, b, tw, tf, r, r2) -> float:
-    """Return the torsion constant of a section of `ProfileRecord.shape`, m4; dimensions in m."""
+    """Return the torsion constant of a section of `ProfileData.shape`, m4; dimensions in m."""
     if shape == "I":
         return torsion_constants.i_torsion(h, b, tw, tf, r)
     if shape == "L":
@@ -348,7 +348,7 @@ def _edge_distances(cells):
 
 
 def _make_section(data, law, size):
-    """Return the fibre `Section` of a `ProfileRecord`, its centroid at the origin.
+    """Return the fibre `Section` of a `ProfileData`, its centroid at the origin.
 
     `size` is the largest side of a fibre, m; None for an eighth of height or width. Raise
     ValueError unless it is positive and finite.

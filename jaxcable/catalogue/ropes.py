@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common import checks
 from ..stiffness.vibration import STANDARD_GRAVITY
-from .cables import UNIT_WEIGHT, CableRecord
+from .cables import UNIT_WEIGHT, CableData
 from .names import plain_name
 from .tables import ROPE_COLUMNS, needed_value, package_rows, source_text
 
@@ -29,7 +29,7 @@ _SPIRAL = {
 
 def rope(
     construction: str, diameter: float, *, layers: int | None = None, grade: float | None = None
-) -> CableRecord:
+) -> CableData:
     """Return the numbers of a rope of any diameter, by the formulas of standards.
 
     Use it where no table has the rope, as a first estimate: its `source` and `name` say so.
@@ -53,7 +53,7 @@ def rope(
             force is unknown.
 
     Returns:
-        `CableRecord`.
+        `CableData`.
 
     Raises:
         ValueError: an unknown construction, a diameter or grade that is not positive, `layers` or
@@ -88,7 +88,7 @@ def rope(
     if grade is not None and grade < 1e8:
         raise ValueError(f"grade = {grade:g}: is in Pa, such as 1770e6")
     area = area_factor * diameter**2
-    return CableRecord(
+    return CableData(
         name=f"{known} rope of {1e3 * diameter:g} mm by EN 12385-4",
         kind="stranded rope",
         construction=known,
@@ -112,7 +112,7 @@ def _positive_number(value, name):
 
 
 def _spiral_rope(construction, diameter, layers):
-    """Return the `CableRecord` of a spiral strand or a locked coil rope by EN 1993-1-11.
+    """Return the `CableData` of a spiral strand or a locked coil rope by EN 1993-1-11.
 
     `construction` is a key of `_SPIRAL`, `diameter` is in m. Raise ValueError unless `layers` is a
     whole number of at least 1.
@@ -121,7 +121,7 @@ def _spiral_rope(construction, diameter, layers):
     checks.require_whole_number(layers, "layers")
     factors = _FILL_FACTORS[kind]
     area = factors[min(layers, max(factors))] * np.pi / 4 * diameter**2
-    return CableRecord(
+    return CableData(
         name=f"{construction} of {1e3 * diameter:g} mm by EN 1993-1-11",
         kind=construction,
         construction=f"{layers} layers",

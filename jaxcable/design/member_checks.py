@@ -53,7 +53,7 @@ class _OnMembers(OnElements):
         if self.profile is None or self.yield_strength is None:
             raise ValueError(
                 f"{self.name}: profile, yield_strength: missing; give "
-                'profile=catalogue.profile_record("IPE 300"), yield_strength=355e6'
+                'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
             )
         checks.as_scalar(self.yield_strength, "yield_strength")
         warn_if_unusual("yield_strength", self.yield_strength, 1e7, 3e9, "is it in Pa?")
@@ -129,7 +129,7 @@ class MemberSection(_OnMembers):
     Args:
         elements: keys of groups, or selections by group; None: all beams and bars.
         name, of: as of `Check`.
-        profile: record from `catalogue.profile_record`, or the numbers of a `SteelSection`; in
+        profile: record from `catalogue.profile_data`, or the numbers of a `SteelSection`; in
             files the name of the record, such as "CHS 168.3x8".
         section_class: of a profile: 1 or 2 for plastic moduli, 3 for elastic ones.
         yield_strength: yield strength f_y, Pa.
@@ -137,7 +137,7 @@ class MemberSection(_OnMembers):
         gamma_m0: partial factor, without unit.
 
     Example:
-        >>> tube = jc.catalogue.profile_record("CHS 168.3x8")
+        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
         >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
         >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)
@@ -211,7 +211,7 @@ class MemberBuckling(_OnMembers):
         youngs_modulus: modulus of elasticity, Pa.
 
     Example:
-        >>> tube = jc.catalogue.profile_record("CHS 168.3x8")
+        >>> tube = jc.catalogue.profile_data("CHS 168.3x8")
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=210e9 * tube.A)
         >>> supports = jc.pinned([0]) + jc.restrained([1], "xy")
         >>> structure = jc.Structure([[0, 0, 0], [0, 0, 4.0]], strut, supports)

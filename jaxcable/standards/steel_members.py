@@ -47,7 +47,7 @@ class SteelSection:
 
 
 class ProfileNumbers(Protocol):
-    """Protocol of a steel profile as `steel_section` takes it, such as `catalogue.ProfileRecord`.
+    """Protocol of a steel profile as `steel_section` takes it, such as `catalogue.ProfileData`.
 
     Sizes h, b, tw, tf, r in m, area A in m2, second moments in m4, section moduli in m3.
     """
@@ -79,7 +79,7 @@ def steel_section(
     """Return the numbers of a section that its resistance depends on.
 
     Args:
-        profile: record from `catalogue.profile_record`; or a dict of numbers with the names of the
+        profile: record from `catalogue.profile_data`; or a dict of numbers with the names of the
             attributes of `SteelSection`; or such a section.
         section_class: of a profile, which you have determined (EN 1993-1-1, table 5.2): 1 or 2 for
             plastic moduli, 3 for elastic ones.
@@ -92,7 +92,7 @@ def steel_section(
             their tables; missing or unknown names.
 
     Example:
-        >>> tube = jc.standards.steel_section(jc.catalogue.profile_record("CHS 168.3x8"), 1)
+        >>> tube = jc.standards.steel_section(jc.catalogue.profile_data("CHS 168.3x8"), 1)
         >>> print(f"{1e6 * tube.Wy:.0f} cm3, {tube.label}")
         206 cm3, CHS 168.3x8, class 1
     """
@@ -109,8 +109,8 @@ def steel_section(
             )
         return SteelSection(**profile)
     if not hasattr(profile, "Wel_y"):
-        kind = checks.describe_type(profile, 'catalogue.profile_record("IPE 300")')
-        raise ValueError(f"profile: expected catalogue.profile_record(name) or a dict, got {kind}")
+        kind = checks.describe_type(profile, 'catalogue.profile_data("IPE 300")')
+        raise ValueError(f"profile: expected catalogue.profile_data(name) or a dict, got {kind}")
     if section_class not in (1, 2, 3):
         raise ValueError(
             f"section_class = {section_class}: expected 1, 2 or 3; a section of class 4 has "

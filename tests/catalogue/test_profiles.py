@@ -35,7 +35,7 @@ def test_rolled_profiles_have_the_properties_of_their_tables(family):
     names = jc.catalogue.profile_names(family)
     assert len(names) >= 13
     for name in names:
-        data = jc.catalogue.profile_record(name)
+        data = jc.catalogue.profile_data(name)
         area, Iy, Iz, Iyz, It = numbers(jc.catalogue.profile(name, STEEL))
         printed = np.array([data.A, data.Iy, data.Iz, data.mass])
         found = np.array([area, Iy, Iz, 7850 * area])
@@ -49,7 +49,7 @@ def test_tapered_channels_have_the_properties_of_their_table():
     names = jc.catalogue.profile_names("UPN")
     assert len(names) == 18
     for name in names:
-        data = jc.catalogue.profile_record(name)
+        data = jc.catalogue.profile_data(name)
         area, Iy, Iz, _, It = numbers(jc.catalogue.profile(name, STEEL))
         assert abs(area / data.A - 1) < PRINTED and abs(7850 * area / data.mass - 1) < 0.007, name
         assert abs(Iy / data.Iy - 1) < PRINTED and abs(Iz / data.Iz - 1) < 0.009, name
@@ -64,7 +64,7 @@ def test_hollow_sections_have_the_properties_of_their_tables():
     assert len(rows) == 726
     for row in rows:
         made = {"manufacture": row["manufacture"]}
-        data = jc.catalogue.profile_record(row["name"], **made)
+        data = jc.catalogue.profile_data(row["name"], **made)
         printed = {key: float(value) for key, value in row.items() if value and key[0] in "AIW"}
         mass = float(row["mass_kg_per_m"])
         units = {"cm2": 1e4, "cm4": 1e8, "cm3": 1e6}
@@ -73,7 +73,7 @@ def test_hollow_sections_have_the_properties_of_their_tables():
             assert abs(getattr(data, field) * units[unit] / value - 1) < PRINTED, (row, key)
         assert abs(data.mass / mass - 1) < PRINTED, row
     for name in ("RHS 200x100x8", "SHS 100x6.3", "CHS 168.3x8"):
-        data = jc.catalogue.profile_record(name)
+        data = jc.catalogue.profile_data(name)
         area, Iy, Iz, Iyz, It = numbers(jc.catalogue.profile(name, STEEL))
         stated = [data.A, data.Iy, data.Iz, data.It]
         np.testing.assert_allclose([area, Iy, Iz, It], stated, rtol=1e-12)
@@ -83,7 +83,7 @@ def test_hollow_sections_have_the_properties_of_their_tables():
 def test_plastic_moduli_of_the_tables_are_those_of_the_fibres():
     """``sum A |z|`` of fine fibres: half the area on each side, of doubly symmetric shapes."""
     for name in ("IPE 300", "HEA 200", "HEM 300", "IPE O 600", "RHS 200x100x8", "CHS 168.3x8"):
-        data = jc.catalogue.profile_record(name)
+        data = jc.catalogue.profile_data(name)
         section = data.section(STEEL, size=max(data.h, data.b) / 160)
         about_y = np.sum(section.area * abs(section.z))
         about_z = np.sum(section.area * abs(section.y))
@@ -168,18 +168,18 @@ def test_names_are_tolerant():
     }
     for name, others in same.items():
         for other in others:
-            assert jc.catalogue.profile_record(other).name == name, other
-    assert jc.catalogue.profile_record("RHS 217x83x3.7").h == pytest.approx(0.217)  # of any size
+            assert jc.catalogue.profile_data(other).name == name, other
+    assert jc.catalogue.profile_data("RHS 217x83x3.7").h == pytest.approx(0.217)  # of any size
     names = jc.catalogue.profile_names()
     assert len(names) == len(set(names)) and set(ROLLED) <= set(names)
     for name in names:
-        assert jc.catalogue.profile_record(name).name == name
-        assert jc.catalogue.profile_record(name).source
+        assert jc.catalogue.profile_data(name).name == name
+        assert jc.catalogue.profile_data(name).source
 
 
 def test_corners_of_cold_formed_sections():
     hot, cold = (
-        jc.catalogue.profile_record("SHS 100x6.3", manufacture=made)
+        jc.catalogue.profile_data("SHS 100x6.3", manufacture=made)
         for made in ("hot-finished", "cold-formed")
     )
     assert hot.r == pytest.approx(1.5 * 0.0063) and hot.r2 == pytest.approx(0.0063)
@@ -189,7 +189,7 @@ def test_corners_of_cold_formed_sections():
 
 def test_scenes_with_profiles_and_cables_make_a_round_trip(tmp_path):
     nodes = [[0.0, 0, 0], [0.0, 0, 5.0], [4.0, 0, 0]]
-    mast = jc.catalogue.profile_record("CHS 168.3x8")
+    mast = jc.catalogue.profile_data("CHS 168.3x8")
     elements = {
         "mast": jc.Beams([[0, 1]], mast.section(STEEL), weight=mast.weight),
         "stay": jc.Catenaries([[2, 1]], **jc.catalogue.cable("Galfan spiral strand 20")),
@@ -215,7 +215,7 @@ opened = []
 sys.addaudithook(lambda event, what: opened.append(str(what[0])) if event == "open" else None)
 import jaxcable
 files = [name for name in opened if "catalogue" in name and name.endswith((".csv", ".json"))]
-jaxcable.catalogue.profile_record("IPE 300")
+jaxcable.catalogue.profile_data("IPE 300")
 later = [name for name in opened if "catalogue" in name and name.endswith((".csv", ".json"))]
 print(len(files), sorted({name.rpartition("/")[2] for name in later}))
 """

@@ -234,7 +234,7 @@ def test_buckling_factors_of_cases_refer_to_the_end_of_the_phases(folder, capsys
     """As with the solution of the phases in Python: the prestressed mast carries 32 kN."""
     structure, prestress, winds = stayed_mast()
     steel = {
-        **{"elements": "mast", "profile": jc.catalogue.profile_record("CHS 168.3x8")},
+        **{"elements": "mast", "profile": jc.catalogue.profile_data("CHS 168.3x8")},
         **{"yield_strength": 355e6, "factors": 3.0},
     }
     rules = [jc.design.MemberBuckling(**steel, reference="last phase")]

@@ -165,8 +165,8 @@ def test_every_class_that_users_construct_is_among_the_examples():
         "Omission",
         "Cases",
         "ChunkReport",
-        "CableRecord",
-        "ProfileRecord",
+        "CableData",
+        "ProfileData",
         "Units",
     }
     # declarations in the bodies of own classes, texts and functions: no arrays

@@ -21,7 +21,7 @@ from jaxcable.standards import (
 )
 
 design = jc.design
-TUBE = jc.catalogue.profile_record("CHS 168.3x8")
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 STEEL = 355e6
 
 
@@ -154,7 +154,7 @@ def test_shear_takes_strength_from_bending():
 
 def test_shear_takes_its_area_from_axial_force():
     """IPE 300 at 0.9 of V_Rd: the shear area, 25.7 of 53.8 cm2, has 1 - 0.8^2 of f_y (6.2.10)."""
-    ipe = steel_section(jc.catalogue.profile_record("IPE 300"), 1)
+    ipe = steel_section(jc.catalogue.profile_data("IPE 300"), 1)
     shear = 0.9 * ipe.Avz * STEEL / math.sqrt(3)
     found = section_utilization([-0.9 * ipe.A * STEEL, 0, shear, 0, 0, 0], ipe, STEEL)
     np.testing.assert_allclose(found, 0.9 / (1 - 0.8**2 * 25.68 / 53.81), rtol=1e-3)  # of the table
@@ -200,7 +200,7 @@ def test_more_force_is_never_less_utilization(name, section_class):
     Utilizations u below 10 grow at most by 4 u over the part that is left, a thousandth: by 4e-5
     where a force grows by 1e-9 of its resistance.
     """
-    section = steel_section(jc.catalogue.profile_record(name), section_class)
+    section = steel_section(jc.catalogue.profile_data(name), section_class)
     area = np.array([section.A, section.Avy, section.Avz]) * STEEL
     resistances = np.array(
         [area[0], *(area[1:] / 3**0.5), 1.0, section.Wy * STEEL, section.Wz * STEEL]
@@ -221,7 +221,7 @@ def test_more_force_is_never_less_utilization(name, section_class):
 
 def test_a_tube_does_not_know_its_axes():
     """Forces turned about the axis; and the resultants by NumPy, with 6.2.8 and 6.2.10 by hand."""
-    section = steel_section(jc.catalogue.profile_record("CHS 219.1x8"), 2)
+    section = steel_section(jc.catalogue.profile_data("CHS 219.1x8"), 2)
     parts = random_forces(1000)
     shear_force = 2 * section.A / math.pi * STEEL / math.sqrt(3)
     sizes = np.array([section.A * STEEL, *(shear_force,) * 2, 1.0, *(section.Wy * STEEL,) * 2])
@@ -242,10 +242,10 @@ def test_a_tube_does_not_know_its_axes():
 
 def test_shear_areas_of_profiles():
     """6.2.6 (3): IPE 300 by hand with the dimensions of its table, A_v,z = 25.7 cm2 in tables."""
-    ipe = steel_section(jc.catalogue.profile_record("IPE 300"), 1)
+    ipe = steel_section(jc.catalogue.profile_data("IPE 300"), 1)
     np.testing.assert_allclose(1e4 * ipe.Avz, 25.7, atol=0.05)
     np.testing.assert_allclose(1e6 * ipe.Wy, 628, atol=0.5)
-    elastic = steel_section(jc.catalogue.profile_record("IPE 300"), 3)
+    elastic = steel_section(jc.catalogue.profile_data("IPE 300"), 3)
     np.testing.assert_allclose(1e6 * elastic.Wy, 557, atol=0.5)
     tube = steel_section(TUBE, 1)
     np.testing.assert_allclose(tube.Avy, 2 * TUBE.A / math.pi, rtol=1e-12)

@@ -103,7 +103,7 @@ SNOW_ACTION = Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
 ROPES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, weight=10.0, strength=4e4)
 STEEL = jc.Bars([[0, 2]], axial_stiffness=1e7)
 TIED = jc.Structure(NODES, {"ropes": ROPES, "strut": STEEL}, jc.pinned([0, 2]))
-TUBE = jc.catalogue.profile_record("CHS 168.3x8")
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 WELDED = jc.standards.SteelSection(4e-3, 1e-5, 2e-5, 1e-4, 2e-4, circular=True, label="welded")
 CHECKS = [
     "EN 1993-1-11",
@@ -208,7 +208,7 @@ def test_files_hold_no_results_and_no_standard_without_actions(tmp_path):
     assert int(calm.status) == 0
     since = jc.design.DisplacementLimit(0.1, since=calm)
     own = jc.design.OwnCheck("own", lambda structure, solution: solution.reactions[0, 0])
-    other = jc.catalogue.profile_record("SHS 100x5", manufacture="cold-formed")
+    other = jc.catalogue.profile_data("SHS 100x5", manufacture="cold-formed")
     cold = jc.design.MemberSection(profile=other, yield_strength=355e6)
     for check, message in ((since, "Solution"), (own, "OwnCheck"), (cold, "not as in the catalog")):
         with pytest.raises(ValueError, match=rf"checks\[0\].*{message}"):

@@ -37,7 +37,7 @@ DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True
 WARM = design.Action("warm", "temperature", temperature=20.0)
 RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
 STANDARD = reliability.Normal(0.0, 1.0)
-TUBE = jc.catalogue.profile_record("CHS 168.3x8")
+TUBE = jc.catalogue.profile_data("CHS 168.3x8")
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
@@ -283,10 +283,10 @@ frame(HELD + jc.pinned([4]), stay=(4, 3), n_node=5, rigid=[[2, 4]])
 ## beams and sections
 jc.Beams([[0, 1]])  # section: missing; a group of beams needs a Section
 jc.Beams([[0, 1]], "HEA 200")  # section = 'HEA 200': expected a Section; ... catalogue.profile(
-jc.Beams([[0, 1]], jc.catalogue.profile_record("HEA 200"))
-    # section: expected a Section, got ProfileRecord; make one by its .section(law)
-jc.Bars([[0, 1]], section=jc.catalogue.profile_record("HEA 200"))
-    # section: expected a Section, got ProfileRecord; make one by its .section(law)
+jc.Beams([[0, 1]], jc.catalogue.profile_data("HEA 200"))
+    # section: expected a Section, got ProfileData; make one by its .section(law)
+jc.Bars([[0, 1]], section=jc.catalogue.profile_data("HEA 200"))
+    # section: expected a Section, got ProfileData; make one by its .section(law)
 beams(section=ANGLE)  # torsional_stiffness: missing; this section has
 beams(up=[0.0, 1.0])  # up: expected shape (3,) or (2, 3)
 jc.Structure([[0, 0, 0], [2e-3, 0, 1.0]], jc.Beams([[0, 1]], section=BOX), jc.clamped([0]))
@@ -804,12 +804,12 @@ design.CableService(fraction="use")  # fraction = 'use': expected one of service
 design.CableFatigue(category="rope")  # category = 'rope': expected one of prestressing bar
 design.MemberSection()  # cross-section: profile, yield_strength: missing
 design.MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
-design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_record
+design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
 design.MemberSection(profile=TUBE, yield_strength=235e6).checked_elements(FRAMED)
     # ...elements: missing; say which of 'beams', 'post'
 design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
     # section_class = 4: expected 1, 2 or 3
-design.MemberSection(profile=jc.catalogue.profile_record("L 100x100x10"), yield_strength=235e6)
+design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
     # profile: L 100x10 is an angle
 design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
 design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=[1.0, 2.0, 3.0])
