@@ -7,6 +7,7 @@ import numpy as np
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import PRESENT
 from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
+from ..elements.sliding_catenaries import SEGMENT_PULL
 from ..model.result_parts import present_elements, result_columns
 from .columns import element_columns, envelope_columns, states_heading
 from .states import ReportedAnalysis
@@ -21,7 +22,8 @@ def element_result_tables(of: ReportedAnalysis) -> dict[str, Table]:
     """
     tables, lines, names = {}, [], list(of.envelope)
     for name in of.state.results or {}:
-        if name in (PRESENT.name, POINT_LOADS.name):  # tables of forces leave out what is not there
+        # forces leave out what is not there; those of segments on nodes are no quantity to look up
+        if name in (PRESENT.name, POINT_LOADS.name, SEGMENT_PULL.name):
             continue
         where, components = _rows_and_components(of, name)
         if name == CLAMP_FORCE.name and not any(np.nan_to_num(own[-1]).any() for own in components):
