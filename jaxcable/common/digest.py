@@ -53,9 +53,11 @@ def equations_digest(jaxpr: Any) -> str:
     """Return a digest of a jaxpr in this process, a text of 32 characters.
 
     It covers literals, shapes and parameters of all equations. Functions that jax calls later, such
-    as the rules of `jax.custom_jvp`, count by identity.
+    as the rules of `jax.custom_jvp`, count by identity. Constants that the jaxpr itself holds in
+    later jax, which may be traced, are not looked at.
     """
-    return _ObjectDescriber(of_process=True).describe(jaxpr)
+    describer = _ObjectDescriber(of_process=True)
+    return _digest_of_words(describer._describe_jaxpr(jaxpr, consts=()))
 
 
 def host_function_digest(function: Callable[..., Any]) -> str:
@@ -172,9 +174,12 @@ class _ObjectDescriber:
             return "dict", sorted(map(repr, pairs))
         return "set", sorted(repr(self.describe(part)) for part in value)
 
-    def _describe_jaxpr(self, jaxpr):
-        """Return the words for a jaxpr: its equations, with variables numbered as they occur."""
-        consts = getattr(jaxpr, "consts", ())
+    def _describe_jaxpr(self, jaxpr, consts=None):
+        """Return the words for a jaxpr: its equations, with variables numbered as they occur.
+
+        `consts` are the constants of its variables; None: those that it holds.
+        """
+        consts = getattr(jaxpr, "consts", ()) if consts is None else consts
         jaxpr = getattr(jaxpr, "jaxpr", jaxpr)  # of one with constants; later in jax, itself
         numbers: dict[Any, int] = {}
 

@@ -14,7 +14,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.rules import Rule, not_negative
+from ..common.rules import Rule
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import PHASE_INPUTS
@@ -124,7 +124,9 @@ class FrictionCables(SlidingCables):
     def __post_init__(self):
         super().__post_init__()
         if index_array(self.links).shape[1] < 3:
-            raise ValueError("links: no cable has a node between its ends; take Cables")
+            raise ValueError(
+                "links: no cable has a node between its ends; take Cables or Catenaries"
+            )
         if any(law.n_memory for law in self._laws):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
@@ -143,8 +145,9 @@ class FrictionCables(SlidingCables):
     def rules(self) -> list[Rule]:
         """Return the conditions on numbers of the group, those of friction included, a list."""
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
-        axle = Rule("axle_friction", self.axle_friction, lambda v: (v < 0) | (v >= 1), text)
-        others = [not_negative(name, getattr(self, name)) for name in ("friction", "wobble")]
+        axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
+        pairs = ((name, getattr(self, name)) for name in ("friction", "wobble"))  # no NaN either:
+        others = [Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs]
         text = "softens; a cable with friction needs a law whose stress does not fall"
         for stress in filter(lambda s: s is not None, (x.softening_stresses() for x in self._laws)):
             others.append(Rule("law", stress, lambda s: (s[..., 1:] < s[..., :-1]).any(), text))

@@ -261,7 +261,8 @@ def _checked_chains(chains):
         raise ValueError("links: a group needs at least one element")
     for k, chain in enumerate(chains):
         if len(chain) < 2:
-            raise ValueError(f"links[{k}] = {chain.tolist()}: a cable has at least two nodes")
+            text = "a cable has at least two nodes; give a list of chains, [[0, 1, 2]] for one"
+            raise ValueError(f"links[{k}] = {chain.tolist()}: {text}")
         same = chain[1:] == chain[:-1]
         # repetitions of the last node are padding from an earlier call
         same[len(same) - int(np.cumprod(same[::-1]).sum()) :] = False

@@ -91,7 +91,7 @@ TEXT = json.dumps(MAST, indent=0)
         ),
         (TEXT[:-1], "not valid JSON: the file ends before all brackets are closed"),
         (TEXT + "}", "not valid JSON: there is text after the end of the object"),
-        (TEXT[:-1].rstrip() + ",}", "not valid JSON: remove the comma before }"),
+        (TEXT[:-1].rstrip() + ",}", "not valid JSON: (remove the comma before }|Illegal trailing)"),
         (TEXT.replace('"version"', '"version'), "line 3, .*: not valid JSON"),
         (
             HEAD + "[1 2]}",
