@@ -1,8 +1,8 @@
 """Cables that slide over their nodes with friction, or are clamped there.
 
 Every straight segment has a tension of its own, which `friction` finds for given positions of the
-nodes and given unstressed lengths of the segments. An increment remembers what has slipped over
-each node, so that loads can be reversed. The element has no potential: its tangent is unsymmetric.
+nodes. An increment remembers what has slipped over each node, so that loads can be reversed. The
+element has no potential: its tangent is unsymmetric.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class FrictionCables(SlidingCables):
         """Return the conditions on numbers of the group, those of friction included, a list."""
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
         axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
-        pairs = ((name, getattr(self, name)) for name in ("friction", "wobble"))  # no NaN either:
+        pairs = ((name, getattr(self, name)) for name in ("friction", "wobble"))
         others = [Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs]
         text = "softens; a cable with friction needs a law whose stress does not fall"
         for stress in filter(lambda s: s is not None, (x.softening_stresses() for x in self._laws)):
