@@ -33,6 +33,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common.rules import Rule
 from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .cable import TensionOnly
@@ -142,6 +143,11 @@ class FrictionCoefficients(NamedTuple):
         if self.wobble is not None:
             bound = bound + self.wobble * 0.5 * (length[1:] + length[:-1])
         return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
+
+
+def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
+    """Return the rule that a clamp is open or closed."""
+    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
 
 
 def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:

@@ -26,17 +26,11 @@ from .friction import (
     at_slip_limit,
     deviation_angles,
     elongations_and_rates,
+    open_or_closed,
     segment_tensions,
     slips,
 )
-from .friction_state import (
-    CLAMP_FORCE,
-    FRICTION_USED,
-    SEGMENT_TENSION,
-    SLIP,
-    FrictionState,
-    open_or_closed,
-)
+from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
 from .phase_input import InputValues, PhaseInput
 from .prestress import AxialState
 from .sliding import (

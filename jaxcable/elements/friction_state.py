@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ..common.rules import Rule
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from .element import Result
@@ -41,8 +40,3 @@ class FrictionState(AxialState):
     def heat_factor(self) -> float | Float[Array, " n_elem"]:
         """Unstressed length over that at the reference temperature, [n_elem]; 1 without heat."""
         return 1.0 if self.thermal_stretch is None else self.thermal_stretch
-
-
-def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
-    """Return the rule that a clamp is open or closed."""
-    return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
