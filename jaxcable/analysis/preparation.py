@@ -197,6 +197,9 @@ def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, inputs, earlie
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
             phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
+        if phase.loads is not None and phase.increments == 1:
+            given = structure.groups, inputs[k]
+            phase_plausibility.warn_of_cables_paid_out(earlier + k, *given)
 
 
 @computed_once

@@ -92,6 +92,11 @@ class SlidingCatenaries(FrictionCables):
         """Axial stiffness, N, of EA and of springs in series with it, if there are any."""
         return self._stiffness_law_and_area()[0]
 
+    @property
+    def has_friction(self) -> bool:
+        """Whether any coefficient of friction is given."""
+        return any(x is not None for x in self.coefficients())
+
     def without_friction(self, state: OwnState) -> tuple[Any, OwnState]:
         """Return the cables as they slide without friction and clamps, and their state."""
         open_clamps = jnp.zeros_like(state.clamped)

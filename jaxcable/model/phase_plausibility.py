@@ -5,7 +5,7 @@ As in `plausibility`, known values are checked in NumPy on the host; traced valu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from ..common.types import ArrayLike, Float, Int
 from ..elements.element import Element
 from ..elements.phase_input import InputValues
+from ..elements.sliding_catenaries import SlidingCatenaries
 from .plausibility import (
     STATE_UNITS,
     FixedMask,
@@ -240,6 +241,28 @@ def warn_of_free_ends(
                 "is a support or a joint missing? If it hangs there freely, ignore this warning"
             )
             free[group.links.array[alone]] = False
+
+
+@issues_warnings
+def warn_of_cables_paid_out(
+    number: int, groups: Sequence[Element], inputs: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    """Warn of jacks on hanging cables with friction in a phase of one increment that loads them.
+
+    From the straight line as drawn such a cable is paid out into its spans, and not pulled.
+
+    Args:
+        number: index of the phase, from 0.
+        groups: element groups of the structure.
+        inputs: what the phase states for each of them, by name.
+    """
+    for group, own in zip(groups, inputs, strict=True):
+        if isinstance(group, SlidingCatenaries) and group.has_friction and "jacking" in own:
+            yield (
+                f"phases[{number}].jacking: in one increment a hanging cable is paid out from its "
+                "straight line as drawn, and friction acts against that; with increments=2 or more "
+                "the jack pulls at last"
+            )
 
 
 @issues_warnings

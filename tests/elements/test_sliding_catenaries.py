@@ -1,5 +1,7 @@
 """Hanging cables that slide with friction: histories, saddles, limits, jacks, derivatives."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -333,3 +335,20 @@ def test_messages(text, changes):
     given = {"links": [[0, 1, 2, 3]]} | ({} if "law" in changes else {"axial_stiffness": EA})
     with pytest.raises(ValueError, match=text):
         jc.SlidingCatenaries(**given | changes)
+
+
+@pytest.mark.parametrize("increments", [1, 2])
+def test_a_jack_that_pays_a_cable_out_is_warned_of(increments):
+    """From the straight line as drawn, in one increment: the tension grows away from the jack."""
+    nodes = [[0.0, 0, 0], [300, 0, 10], [700, 0, 0]]
+    line = jc.SlidingCatenaries(links=[[0, 1, 2]], axial_stiffness=33e6, weight=16.0, friction=0.05)
+    structure = jc.Structure(nodes, {"line": line}, jc.pinned(range(3)))
+    jacked = jc.Phase(jacking=28e3, loads=jc.SelfWeight(), increments=increments)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        solution = jc.solve(structure, jacked)
+    assert int(solution.status) == jc.status.OK
+    used = float(solution.element_results["friction_used"]["line"][0, 0])
+    assert used == pytest.approx(1.0 if increments == 1 else -1.0)  # against the slip
+    said = [str(one.message) for one in found]
+    assert [("paid out" in text) for text in said] == [True] * (increments == 1)
