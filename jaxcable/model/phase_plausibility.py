@@ -256,8 +256,8 @@ def warn_of_cables_paid_out(
         groups: element groups of the structure.
         inputs: what the phase states for each of them, by name.
     """
-    for group, own in zip(groups, inputs, strict=True):
-        if isinstance(group, SlidingCatenaries) and group.has_friction and "jacking" in own:
+    for cables, own in zip(groups, inputs, strict=True):
+        if isinstance(cables, SlidingCatenaries) and cables.has_friction and "jacking" in own:
             yield (
                 f"phases[{number}].jacking: in one increment a hanging cable is paid out from its "
                 "straight line as drawn, and friction acts against that; with increments=2 or more "

@@ -254,7 +254,7 @@ def test_added_where_the_nodes_are_then():
     assert float(solution.phases[1].displacement[2, 2]) == pytest.approx(-0.6, abs=1e-9)
     left, right = of_segments(solution)
     assert left < 1e-3 < right == pytest.approx(of_segments(solution, "clamp_force")[0])
-    with pytest.raises(ValueError, match="friction.* = nan: must not be negative"):
+    with pytest.raises(ValueError, match=r"friction.* = nan: must not be negative"):
         jc.FrictionCables([[0, 1, 2]], axial_stiffness=2e7, friction=np.nan)
 
 
