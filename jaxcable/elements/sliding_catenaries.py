@@ -48,8 +48,9 @@ class SlidingCatenaries(FrictionCables):
     first end.
 
     Args:
-        axial_stiffness, rest_length, weight, expansion, strength, compliance, friction,
-            axle_friction, wobble: as of `FrictionCables`, and so are `links`.
+        links, friction, axle_friction, wobble: as of `FrictionCables`.
+        axial_stiffness, rest_length, weight, expansion, strength: as of `SlidingCables`.
+        compliance: as of `SlidingCables`.
         area, law, section: None, because a catenary is elastic.
 
     Raises:
