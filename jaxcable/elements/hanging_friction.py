@@ -227,6 +227,7 @@ def _secant_ratio(segments, s, tension):
     precise = jnp.sqrt(jnp.finfo(change.dtype).eps) * segments.length
     counts = (jnp.abs(change) > precise) & (jnp.abs(expected) > precise)
     secant = change / jnp.where(counts, expected, 1.0)
+    # limits how fast the search goes, not where it ends: `_find_slips` looks at the last step
     limited = jnp.clip(secant, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
     rises = counts & (secant > 0)
     return jnp.where(rises, limited, s.ratio), jnp.where(counts, secant < 0, s.deep)

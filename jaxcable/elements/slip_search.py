@@ -110,6 +110,8 @@ def _best_tensions(segments, growth, drop):
         found = _minimizing_tension(segments, growth, drop, best, i, alone, (low, high))
         sticks = ~((alone + drop[i]) * ratio < end) & ~(alone + drop[i] > end * ratio)
         found = jnp.where(sticks, alone, found)
+        # a bound of the problem, not of a wrong result: no reach without a jack; beside one friction
+        # holds the tension there, and the cable slips
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
 
     best, _ = lax.fori_loop(1, len(zero), extend, (zero.at[0].set(first), reach))
@@ -130,6 +132,7 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
     """
     ratio, step_up = growth[i - 1], drop[i - 1] + drop[i]
     before = best[i - 1] - step_up  # where the tension goes on as it is
+    # only brackets are clipped: the root is between these tensions, or friction holds it at an end
     low = jnp.clip(jnp.minimum(alone, before), *reach)
     high = jnp.clip(jnp.maximum(alone, before), *reach)
     # the function is concave where it matters, so that steps from below do not pass the root
