@@ -110,8 +110,8 @@ def _best_tensions(segments, growth, drop):
         found = _minimizing_tension(segments, growth, drop, best, i, alone, (low, high))
         sticks = ~((alone + drop[i]) * ratio < end) & ~(alone + drop[i] > end * ratio)
         found = jnp.where(sticks, alone, found)
-        # a bound of the problem, not of a wrong result: no reach without a jack; beside one friction
-        # holds the tension there, and the cable slips
+        # a bound of the problem, which hides no result: without a jack all is in reach, and beside
+        # one friction holds the tension there, where the cable slips
         return best.at[i].set(jnp.clip(found, low, high)), (low, high)
 
     best, _ = lax.fori_loop(1, len(zero), extend, (zero.at[0].set(first), reach))
