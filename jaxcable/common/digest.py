@@ -144,14 +144,17 @@ class _ObjectDescriber:
             return self._memoized_digest(value, self._describe_collection)
         if self.of_process and (kind.__eq__ is object.__eq__ or hasattr(value, "call_wrapped")):
             return kind.__name__, id(value)  # functions, also as jax wraps them
-        if callable(value) and not isinstance(value, type):  # not called on the host: by its name
-            names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
-            return kind.__name__, *names
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        is_record = dataclasses.is_dataclass(value) and not isinstance(value, type)
+        if is_record and (self.of_process or not callable(value)):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
             return kind.__qualname__, self._memoized_digest(
                 value, lambda _: self._describe_collection(fields)
             )
+        if self.of_process and isinstance(value, types.MethodType):  # one for each access
+            return kind.__name__, id(value.__func__), id(value.__self__)
+        if callable(value) and not isinstance(value, type):  # not called on the host: by its name
+            names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
+            return kind.__name__, *names, id(value) if self.of_process else ""
         return kind.__name__, repr(value) if self.of_process else _ADDRESS.sub("", repr(value))
 
     def _memoized_digest(self, value, describe):

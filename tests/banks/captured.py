@@ -225,7 +225,7 @@ PROCESS = {
 
 # --- what jax itself traces once
 
-jitted = looped = checked = 1.0
+jitted = looped = checked = on_host = 1.0
 
 
 @jax.jit
@@ -242,7 +242,19 @@ def _checked(x):
     return x * checked
 
 
+def _ask_host():
+    """The function on the host is another object in every trace, and closes over the number."""
+    factor, shape = on_host, jax.ShapeDtypeStruct((), float)
+    times = functools.partial(_times, lambda x: np.asarray(x) * factor)
+    return jax.pure_callback(times, shape, jnp.ones(()), vmap_method="sequential")
+
+
+def _times(function, x):
+    return function(x)
+
+
 TRACED = {
+    "function on the host": (_ask_host, entry(here, "on_host")),
     "jit": (lambda: _jitted(1.0), entry(here, "jitted")),
     "body of a loop": (
         lambda: jax.lax.fori_loop(0, 4, _body, 0.0) / 4,

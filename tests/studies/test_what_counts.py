@@ -63,7 +63,7 @@ def law(stress):
 OTHER_MODELS = {
     "stiffness": {"axial": 1.0000001e6},
     "nodes": {"nodes": [*NODES[:2], [8.0, 0, 1e-9]]},
-    "supports": {"fixed": (0,)},
+    "supports": {"fixed": (0, 1, 2)},
     "law": {"law": law(1e8)},
     "pretension": {"pretension": 5.001e3},
     "increments": {"increments": 2},
