@@ -40,6 +40,7 @@ from .cable import TensionOnly
 from .slip_search import CLAMPED, Jack, SegmentsThatSlip, tensions_and_signs
 
 _ROUNDINGS = 64  # of eps, within which a slip is zero, or a ratio the largest one
+_SEARCH_ROUNDINGS = 1024  # of eps of length and tension, more than any search was seen to leave
 
 
 class StraightSegments(NamedTuple):
@@ -202,6 +203,19 @@ def mismatches(
     return jnp.concatenate([held, balance[-1:]])
 
 
+def are_balanced(
+    found: SegmentTensions, rate: Float[Array, " n"], length: Float[Array, " n"], jack: Jack | None
+) -> Bool[Array, ""]:
+    """Return whether tensions fulfil their equations up to rounding: the search ends there or not.
+
+    `rate` is that of `mismatches`; `length` is the present one of each segment, [n], m.
+    """
+    rounding = _SEARCH_ROUNDINGS * jnp.finfo(length.dtype).eps
+    allowed = rounding * (found.tension + jnp.sum(length) / rate)
+    off = jnp.abs(mismatches(found, rate, jack)) > allowed
+    return ~jnp.any(off & (found.tension > 0))
+
+
 def solve_small(_: PyTree[Array], product: Callable[[Array], Array], rhs: Array) -> Array:
     """Solve with the linear function `product` of [n] numbers, as `TangentSolver` needs it."""
     matrix = jax.vmap(product, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
@@ -217,7 +231,12 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
 
     A cable that is longer than its chain everywhere between two clamps has no tension there.
     """
-    tension, sign = _find_slips(lax.stop_gradient(segments))
+    frozen = lax.stop_gradient(segments)
+    tension, sign = _find_slips(frozen)
+    rate = elongations_and_rates(frozen, tension)[1]
+    at_end = _at_tensions(frozen, tension, sign)
+    is_found = are_balanced(at_end, rate, segments.length, segments.jack)
+    tension = jnp.where(is_found, tension, jnp.nan)
     solver = TangentSolver(solve_small, solve_small)
     tension = implicit_root(_mismatches, tension, (segments, sign), solver)
     return _at_tensions(segments, tension, sign)

@@ -27,6 +27,7 @@ from .element import Scalar
 from .friction import (
     FrictionCoefficients,
     SegmentTensions,
+    are_balanced,
     deviation_angles,
     mismatches,
     solve_small,
@@ -214,7 +215,11 @@ def _find_slips(segments):
         *(jnp.zeros((), bool), jnp.int32(0)),
     )
     end = lax.while_loop(unfinished, step, start)
-    fails = end.runs_away | ~(end.moved <= 8 * eps)
+    shape = _hang(segments, end.elongation)
+    rate = shallow_elongations(segments, jnp.where(shape.tension > 0, shape.tension, 1.0))[1]
+    found = _with_slips(segments, end.elongation, shape, end.sign)
+    balanced = are_balanced(found, rate, segments.length, jack)
+    fails = end.runs_away | ~(end.moved <= 8 * eps) | ~balanced
     return jnp.where(fails, jnp.nan, end.elongation), end.sign
 
 

@@ -60,7 +60,7 @@ def tensions_and_signs(
     growth = jnp.where(bound < CLAMPED, jnp.exp(bound), jnp.inf).astype(dtype)
     drop = jnp.zeros_like(segments.stuck) if segments.drop is None else segments.drop
     best, last = _best_tensions(segments, growth, drop)
-    rounding = 8 * jnp.finfo(dtype).eps
+    rounding = _rounding(segments)
 
     def go_back(later, at):
         own, pair, ratio = at
@@ -76,6 +76,11 @@ def tensions_and_signs(
     # comparisons with NaN are false: they would pass for a cable that sticks
     given = jnp.sum(segments.stuck_elongation) + jnp.sum(jnp.minimum(bound, CLAMPED))
     return jnp.where(jnp.isnan(given), given, jnp.append(tension, last)), sign
+
+
+def _rounding(segments):
+    """Return the relative rounding error of tensions that differ by ratios along the cable."""
+    return 8 * len(segments.stuck) * jnp.finfo(segments.stuck.dtype).eps
 
 
 def _reach_before(later, drops, ratio):
@@ -112,10 +117,22 @@ def _best_tensions(segments, growth, drop):
         found = jnp.where(sticks, alone, found)
         # a bound of the problem, which hides no result: without a jack all is in reach, and beside
         # one friction holds the tension there, where the cable slips
-        return best.at[i].set(jnp.clip(found, low, high)), (low, high)
+        inner = _within_reach(segments, (low, high), 2)
+        found = jnp.where(found <= inner[0], low, jnp.where(found >= inner[1], high, found))
+        return best.at[i].set(found), (low, high)
 
     best, _ = lax.fori_loop(1, len(zero), extend, (zero.at[0].set(first), reach))
     return best, best[-1]
+
+
+def _within_reach(segments, reach, roundings):
+    """Return smallest and largest tension that are in reach by some `roundings` at least, N.
+
+    At the ends of the reach the tensions up to the jack would count as free or not by rounding.
+    """
+    rounding = roundings * _rounding(segments)
+    low, high = reach
+    return low * (1 + rounding * jnp.sign(low)), high * (1 - rounding * jnp.sign(high))
 
 
 def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
@@ -132,6 +149,7 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
     """
     ratio, step_up = growth[i - 1], drop[i - 1] + drop[i]
     before = best[i - 1] - step_up  # where the tension goes on as it is
+    reach = _within_reach(segments, reach, 1)
     # only brackets are clipped: the root is between these tensions, or friction holds it at an end
     low = jnp.clip(jnp.minimum(alone, before), *reach)
     high = jnp.clip(jnp.maximum(alone, before), *reach)
@@ -141,24 +159,27 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
     eps = jnp.finfo(start.dtype).eps
 
     def unfinished(s):
-        _, _, _, moved, count = s
-        return (moved > 2 * eps) & (count < MAX_STEPS)
+        tension, _, _, moved, count = s
+        size = jnp.maximum(jnp.abs(tension), jnp.finfo(tension.dtype).tiny)
+        return (moved > 2 * eps * size) & (count < MAX_STEPS)
 
     def step(s):
-        tension, low, high, _, count = s
+        tension, low, high, moved, count = s
         value, rate = _length_mismatch_and_rate(segments, growth, drop, best, i, tension)
         low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
         new = tension - value / rate
-        new = jnp.where((new >= low) & (new <= high), new, 0.5 * (low + high))
-        size = jnp.maximum(jnp.abs(new), jnp.finfo(new.dtype).tiny)
-        return new, low, high, jnp.abs(new - tension) / size, count + 1
+        # beside a kink, Newton's steps can go back and forth between both ends of the bracket
+        shrinks = (jnp.abs(new - tension) < 0.5 * moved) & (new >= low) & (new <= high)
+        new = jnp.where(shrinks, new, 0.5 * (low + high))
+        return new, low, high, jnp.abs(new - tension), count + 1
 
     far = jnp.full_like(start, jnp.inf)
     found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
     # a cable that is too long even under a vanishing tension has none
-    vanishing = jnp.full_like(start, jnp.finfo(start.dtype).tiny / eps)
+    vanishing = jnp.full_like(start, jnp.sqrt(jnp.finfo(start.dtype).tiny))
     too_long = _length_mismatch_and_rate(segments, growth, drop, best, i, vanishing)[0] >= 0
-    return jnp.where(too_long, 0.0, found)
+    # beside a jack, which takes any length in, friction keeps a tension
+    return jnp.where(too_long & (reach[0] <= 0), 0.0, found)
 
 
 def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):

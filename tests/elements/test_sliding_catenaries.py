@@ -218,7 +218,8 @@ def test_jack_lock_off_draw_in_and_heat():
     structure = line([friction], expansion=1.2e-5)
     only = {"jacking": 3e4}, {}, {"shortening": -0.1}, {"temperature": 30.0}
     given = [{name: {"line": x, "mast": None} for name, x in one.items()} for one in only]
-    phases = [jc.Phase(**one, loads=OWN if k == 0 else None) for k, one in enumerate(given)]
+    first = {"loads": OWN, "increments": 2}
+    phases = [jc.Phase(**one, **(first if k == 0 else {})) for k, one in enumerate(given)]
     solution = converged(jc.solve(structure, phases))
     jacked, locked, drawn, warm = (of_segments(phase) for phase in solution.phases)
     assert_allclose(jacked, locked, rtol=1e-12)
