@@ -160,7 +160,7 @@ def element_shapes(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used), `State`, or one of
+        state: `Solution` (NaN if it has failed), `State`, or one of
             ``solution.phases``; batches have leading axes.
 
     Raises:
@@ -216,19 +216,19 @@ def _shapes_by_group(groups, positions, *parts):
 
 
 def results_of_state(structure: Structure, state: StateOrPhase) -> Results:
-    """Return the `Results` of a state after checks: ``.last`` of a `Solution`, others as they are.
+    """Return a state, which has `Results`, after checks.
 
     Raises:
         ValueError: not a state, or of another structure.
     """
-    state = state.last if isinstance(state, Solution) else state
-    if not isinstance(state, State | PhaseResult):
+    if not isinstance(state, Solution | State | PhaseResult):
         raise ValueError(
             "state: expected a Solution, its .last or one of its .phases, got "
             f"{type(state).__name__}"
         )
-    if isinstance(state, State):
-        require_same_topology(structure, state.topology, "state")
+    if isinstance(state, Solution | State):
+        end = state.last if isinstance(state, Solution) else state
+        require_same_topology(structure, end.topology, "state")
     n_node = state.positions.shape[-2]
     if n_node != structure.n_node:
         raise ValueError(f"state: has {n_node} nodes, the structure has {structure.n_node}")

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import jax
+import jax.numpy as jnp
+
+from ..common import checks, status
 from ..common.tree import Indices, apply_numpy_or_jax, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.restart_state import RestartState
 from ..model.supports import FixedDofs
 from ..model.topology import Topology
+from ..numerics import implicit
 from .phase_results import PhaseResults
 from .results import Results
 
@@ -159,3 +164,31 @@ class Solution(Results):
         at = ..., range(len(self.phases))[phase], slice(None), slice(None)
         ends = self.displacement, self.phases.moved_before
         return apply_numpy_or_jax(lambda _, there, before: there - before[at], *ends)
+
+
+def state_to_look_at(of: Any) -> Any:
+    """Return the `State` that is meant by a `Solution`: its last one, NaN if it has not converged.
+
+    All floats are NaN then, with NaN derivatives, and an InputWarning names the last converged
+    state, which is another argument. What is no `Solution` is returned as it is.
+    """
+    if not isinstance(of, Solution):
+        return of
+    code = checks.array_if_known(of.status)
+    if code is not None and (code == status.OK).all():
+        return of.last
+    if code is not None and code.ndim == 0:
+        checks.warn_user(
+            f"state: the analysis has failed ({status.describe(int(code))}), results are NaN; give "
+            "solution.last for its last converged state"
+        )
+    tree: Any
+    leaves, tree = jax.tree.flatten(of.last)
+    floats = [k for k, x in enumerate(leaves) if jnp.issubdtype(jnp.result_type(x), jnp.floating)]
+    known = [jnp.asarray(leaves[k]) for k in floats]
+    # the last state need not depend on what failed, but results of the solution do
+    by = known, of.displacement
+    marked = implicit.nan_unless(jnp.asarray(of.status) == status.OK, known, by)
+    for k, x in zip(floats, marked, strict=True):
+        leaves[k] = x
+    return tree.unflatten(leaves)

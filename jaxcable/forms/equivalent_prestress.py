@@ -67,7 +67,7 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is used) or `State`.
+        solution: `Solution` (NaN if it has failed) or `State`.
 
     Returns:
         `EquivalentPrestress`; differentiable like the solution.

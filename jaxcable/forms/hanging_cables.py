@@ -31,7 +31,7 @@ def catenary_curves(
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is used) or `State`, or one of
+        solution: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
         n: number of positions per element, evenly along its unstressed length.
 
@@ -77,7 +77,7 @@ def end_tensions(
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is used) or `State`, or one of
+        solution: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
 
     Returns:

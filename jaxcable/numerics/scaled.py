@@ -16,13 +16,14 @@ def relative_residual(
     residual: Float[ArrayLike, " *n"], scale: Float[ArrayLike, " *n"]
 ) -> Float[Array, " *n"]:
     """Return ``residual / scale``, entry by entry; where the scale is zero, the residual itself."""
-    return residual / jnp.where(scale > 0, scale, 1.0)
+    return residual / jnp.where(scale == 0, 1.0, scale)
 
 
 def safe_norm(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
     """Return the Euclidean norms of vectors; a zero norm has derivative zero instead of NaN."""
     square = jnp.sum(vectors**2, axis=-1)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    is_zero = square == 0  # NaN is not, and stays
+    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, square)))
 
 
 @jax.jit

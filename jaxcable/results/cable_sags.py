@@ -50,7 +50,7 @@ def sags(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
         chains: node numbers from end to end, [n], of every chain, by its name; `nodes_along` has
             those of elements. None: the catenaries, each between its own ends.
@@ -115,7 +115,7 @@ def horizontal_tensions(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
 
     Returns:

@@ -70,7 +70,7 @@ def clearance_to_plane(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
         point: a point of the plane, [3], m.
         normal: vector at right angles to the plane, [3]; default z: the plane is level.
@@ -119,7 +119,7 @@ def clearance_over_ground(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
         profile: points of the ground along a line, [n, 3], m; neighbors must differ in plan.
 
@@ -176,7 +176,7 @@ def distance_to_line(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
         points: points of the line, [n, 3], m.
 

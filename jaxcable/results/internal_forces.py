@@ -48,7 +48,7 @@ def section_forces(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`; or one of
+        state: `Solution` (NaN if it has failed) or `State`; or one of
             ``solution.phases``, for the end of that phase. There the forces are known at a few
             places and are interpolated, with the shear forces as slopes of the moments. Under
             uniform loads this is exact except for moments of the axial force on deflections: an

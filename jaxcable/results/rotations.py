@@ -57,7 +57,7 @@ def rotation_vectors(structure: Structure, state: StateOrPhase) -> Float[Array, 
 
     Args:
         structure: the `Structure` that was analysed, with beams.
-        state: `Solution` (its last converged state is used) or `State`, or one of
+        state: `Solution` (NaN if it has failed) or `State`, or one of
             ``solution.phases`` for the end of that phase; batches have leading axes.
 
     Returns:

@@ -99,7 +99,7 @@ def buckling_factor(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`.
+        state: `Solution` (NaN if it has failed) or `State`.
         reference: `Solution` or `State` before the loads, ``jc.solve(structure, phases[:1])``;
             None for the structure without stress.
         n: number of factors; fewer if there are fewer unknowns.

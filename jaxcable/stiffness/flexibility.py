@@ -35,7 +35,7 @@ def flexibility(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`.
+        state: `Solution` (NaN if it has failed) or `State`.
         nodes: node numbers, [n].
         axes: directions at each of the nodes, a string of "x", "y", "z".
         fixed: degrees of freedom to leave out, as in `stiffness.tangent_stiffness`.

@@ -67,7 +67,7 @@ def modes(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`.
+        state: `Solution` (NaN if it has failed) or `State`.
         n: number of modes; fewer if there are fewer unknowns.
         fixed: degrees of freedom to leave out, as in `tangent_stiffness`.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import linear
 from ..analysis.activation import find_inactive_dofs
-from ..analysis.solution import Solution, State
+from ..analysis.solution import Solution, State, state_to_look_at
 from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
@@ -41,7 +41,7 @@ def tangent_stiffness(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is used) or `State`.
+        state: `Solution` (NaN if it has failed) or `State`.
         fixed: degrees of freedom to leave out, [n_node, 3] bool, in a structure with beams
             [n_row, 6]; default those held in the phase of the state. All False gives the tangent of
             the structure without supports.
@@ -119,7 +119,7 @@ def split_solution_state(
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
             index arrays, which `merge_solution_state` puts back; the numbering of the unknowns.
     """
-    state = state.last if isinstance(state, Solution) else state
+    state = state_to_look_at(state)
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its .last, got {type(state).__name__}")
     require_same_topology(structure, state.topology, "state")

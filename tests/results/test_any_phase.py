@@ -134,3 +134,19 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
     assert high[1] / high[0] == pytest.approx(2.0, rel=1e-2)
     assert numbers == pytest.approx([LOAD * SPAN**2 / 8, LOAD * SPAN**2 / 4], rel=1e-3)
     assert figure.legends[0].get_texts()[0].get_text() == "My positive (N m)"
+
+
+def test_results_of_a_failed_analysis_are_nan():
+    """Also those that are derived from it; its last converged state has the values of phase 0."""
+    nodes = [[0.0, 0.0, 0.0], [100.0, 0.0, 10.0]]
+    line = jc.Catenaries([[0, 1]], axial_stiffness=1e7, weight=20.0, expansion=1e-5)
+    structure = jc.Structure(nodes, line, supports=jc.pinned([0, 1]))
+    strung = jc.Phase(horizontal_tension=1e4, loads=jc.SelfWeight())
+    failed = jc.solve(structure, [strung, jc.Phase(temperature=np.nan)])
+    assert int(failed.status) == jc.status.NONFINITE
+    functions = jc.results.sags, jc.results.horizontal_tensions
+    for function in functions:
+        for of, is_known in ((failed, False), (failed.last, True)):
+            values = jax.tree.leaves(function(structure, of))
+            assert all(np.isfinite(x).all() == is_known for x in values)
+    assert float(jc.results.horizontal_tensions(structure, failed.last)[0]) == pytest.approx(1e4)

@@ -111,10 +111,35 @@ def test_modes_of_two_links():
     matrix = np.asarray(stiffness.tangent_stiffness(structure, solution.last))
     own = found.shapes[:, 1]
     assert np.abs(own @ matrix - found.stiffness[:, None] * own).max() < 1e-12 * expected[2]
-    # a failed analysis has a last state, and no other
-    failed = jc.solve(structure, jc.Phase(pretension=np.nan))
+    # a failed analysis has no modes, the last converged state has
+    failed = jc.solve(structure, [jc.Phase(pretension=tension), jc.Phase(pretension=np.nan)])
     assert int(failed.status) != 0
-    assert np.isfinite(stiffness.modes(structure, failed, 1).stiffness).all()
+    found = stiffness.modes(structure, failed.last, 1)
+    assert found.stiffness[0] == pytest.approx(expected[0], rel=1e-12)
+    with pytest.warns(jc.InputWarning, match=r"failed .*, results are NaN; give solution.last"):
+        with pytest.raises(ValueError, match="is not finite; the analysis has failed"):
+            stiffness.modes(structure, failed, 1)
+
+
+def test_a_failed_solution_has_no_tangent_and_no_derivative():
+    """Also where it is traced; it is told where it is known."""
+    structure, _ = problems.two_links(1e4, 200.0, 0.0)
+
+    def entry(tension, of_last):
+        phases = [jc.Phase(pretension=200.0), jc.Phase(pretension=tension)]
+        solution = jc.solve(structure, phases)
+        of = solution.last if of_last else solution
+        return stiffness.tangent_stiffness(structure, of)[0, 0]
+
+    with pytest.warns(jc.InputWarning, match="has failed"):
+        value, slope = jax.value_and_grad(entry)(np.nan, False)
+    assert np.isnan(value) and np.isnan(slope)
+    assert np.isfinite(entry(np.nan, True))
+    with pytest.warns(jc.InputWarning, match="has failed"):
+        assert np.isnan(entry(np.nan, False))
+    value, slope = jax.value_and_grad(entry)(300.0, False)
+    assert value == entry(300.0, True)
+    assert np.isfinite(slope)
 
 
 def test_supports_of_the_phase_that_the_state_belongs_to():
