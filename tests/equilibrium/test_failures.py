@@ -79,7 +79,6 @@ def test_cable_net_that_nothing_holds_is_a_mechanism():
     check_failed(jc.solve(structure, jc.Phase(loads=load)), status.MECHANISM, 0, 0)
 
 
-@pytest.mark.slow
 def test_too_few_steps():
     plain = solve_flat_net()
     assert int(plain.status) == status.OK

@@ -72,9 +72,13 @@ def test_every_combination_is_where_its_coordinates_say(tmp_path, chunk):
         assert y[i, j, k] == values["a"][i] + 10 * sum(values["b"][j]) + 100 * k
 
 
-@pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5), 7), ((3, 2, 5), 10), ((2, 9), 1)])
-def test_chunks_are_all_cases_once(shape, chunk):
+@pytest.mark.parametrize(
+    ("shape", "chunk", "chunks"),
+    [((7,), 3, (3,)), ((4, 5), 7, (1, 5)), ((3, 2, 5), 10, (1, 2, 5)), ((2, 9), 1, (1, 1))],
+)
+def test_chunks_are_all_cases_once(shape, chunk, chunks):
     grid = divide_into_chunks(shape, chunk)
+    assert grid.chunks == chunks  # whole last dimensions, which change fastest
     numbers = [grid.numbers(k) for k in range(grid.n_chunk)]
     assert sorted(np.concatenate(numbers).tolist()) == list(range(int(np.prod(shape))))
     assert max(map(len, numbers)) == grid.chunk_size <= chunk
