@@ -29,7 +29,7 @@ from ..reporting.phase_descriptions import (
 from ..reporting.plain_text import table_text
 from ..reporting.table import common_scales, table_in_units
 from ..spaces.dof_map import make_dof_map
-from ..stiffness.vibration import STANDARD_GRAVITY
+from ..loads.masses import STANDARD_GRAVITY
 from . import inputs
 from .combining import combine_actions
 

@@ -25,13 +25,13 @@ def safe_norm(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-@jax.jit
-def normalize_mode_shapes(
-    shapes: Float[ArrayLike, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
-) -> Float[Array, "n n_node 3"]:
-    """Scale mode shapes to length 1 at the node that moves most, largest component positive.
+def mode_shape_scales(
+    shapes: Float[Array, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
+) -> Float[Array, " n"]:
+    """Return factors that scale shapes to length 1 at the node that moves most.
 
-    A mode of rotations alone has no displacements to scale: its shape is zero.
+    They make its largest component positive. A mode of rotations alone has no displacements to
+    scale: its factor is zero.
 
     Args:
         shapes: displacements of all nodes in every mode, [n, n_node, 3].
@@ -42,5 +42,15 @@ def normalize_mode_shapes(
     flat = shapes.reshape(len(shapes), -1)
     largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
     moves = size > _SMALLEST_SHAPE * jnp.max(jnp.abs(vectors), axis=-1)
-    scale = jnp.where(moves, jnp.sign(largest) / jnp.where(moves, size, 1.0), 0.0)
-    return shapes * scale[:, None, None]
+    return jnp.where(moves, jnp.sign(largest) / jnp.where(moves, size, 1.0), 0.0)
+
+
+@jax.jit
+def normalize_mode_shapes(
+    shapes: Float[ArrayLike, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
+) -> Float[Array, "n n_node 3"]:
+    """Scale mode shapes to length 1 at the node that moves most, largest component positive.
+
+    Arguments are those of `mode_shape_scales`; the shape of a mode of rotations alone is zero.
+    """
+    return shapes * mode_shape_scales(jnp.asarray(shapes), vectors)[:, None, None]

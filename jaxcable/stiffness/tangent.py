@@ -107,6 +107,7 @@ def split_solution_state(
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
     *,
     unknowns: bool = True,
+    number: Callable[[FixedDofs, MotionRows | None], DofMap] | None = None,
 ) -> tuple[_SplitModel, _IndexArrays, DofMap]:
     """Split the state of a solution into what programs such as `tangent_matrix` take.
 
@@ -114,6 +115,8 @@ def split_solution_state(
         structure, state, fixed: as for `tangent_stiffness`.
         unknowns: False for a numbering without unknowns, which does not depend on which elements
             are there: this can then be traced.
+        number: function of the fixed degrees of freedom and the rows of motion that numbers the
+            unknowns; None for a numbering of dense matrices.
 
     Returns:
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
@@ -134,7 +137,10 @@ def split_solution_state(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
-    dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    if number is None:
+        dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    else:
+        dof_map = number(fixed, rows)
     dof_map = dof_map if unknowns else dof_map.without_unknowns
     return *split_indices((nodes, groups, state.restart)), dof_map
 
