@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 import jax.numpy as jnp
 import numpy as np
 
-from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, not_negative
@@ -102,7 +101,7 @@ def split_for_modes(
 def make_massive_system(
     split: Any, masses: Float[Array, " n_node"]
 ) -> tuple[MassiveSystem, Motion]:
-    """Return the `MassiveSystem` of a split state with `masses` at its nodes, kg, and its motion."""
+    """Return the `MassiveSystem` of a split state, with `masses` at its nodes, and its motion."""
     without_indices, index_arrays, dof_map = split
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)

@@ -34,7 +34,7 @@ class SimpleModes(NamedTuple):
     Attributes:
         squared: w^2, [n], ascending; inf for modes without mass, NaN if none were found.
         vectors: unknowns, [n, n_free], with ``v M v = 1``; zero for modes without mass.
-        repeated: whether another mode has the same frequency, so that derivatives are NaN, [n] bool.
+        repeated: whether another mode has the same frequency, so that derivatives are NaN, [n].
         symmetric: whether K is symmetric to rounding; if not, no modes are sought.
         found: the same and further modes without derivatives, `linear.FoundModes`.
     """
@@ -63,7 +63,8 @@ def find_modes(
     sizes = jnp.maximum(jnp.abs(squared[:n, None]), jnp.abs(squared[None, :]))
     others = jnp.arange(n)[:, None] != jnp.arange(len(squared))[None, :]
     # (two modes without mass are no equal ones: inf - inf is NaN)
-    repeated = jnp.any(others & (gaps <= _EQUAL * sizes) & jnp.isfinite(squared)[:n, None], axis=1)
+    equal = gaps <= _EQUAL * sizes + found.rounding
+    repeated = jnp.any(others & equal & jnp.isfinite(squared)[:n, None], axis=1)
     return SimpleModes(squared[:n], found.vectors[:n], repeated, found.symmetric, found)
 
 

@@ -39,12 +39,11 @@ def warn_of_weights_without_mass(structure: Structure, state: Solution | State) 
         for group, own in zip(structure.groups, restart.states, strict=True)
         if group.weight is not None
     ]
-    known = [checks.array_if_known(x) for x in (restart.nodal_load, *weights)]
+    known: list[Any] = [checks.array_if_known(x) for x in (restart.nodal_load, *weights)]
     if any(x is None for x in known):
         return
-    nodal, *weights = known
-    down = -np.minimum(nodal[: structure.n_node, 2], 0.0).sum()
-    weight = sum(float(np.sum(x)) for x in weights)
+    down = -np.minimum(known[0][: structure.n_node, 2], 0.0).sum()
+    weight = sum(float(np.sum(x)) for x in known[1:])
     if down > weight > 0:
         checks.warn_user(
             f"masses: nodal loads of {down:.4g} N downwards have no mass here, elements weigh "
@@ -66,27 +65,26 @@ def warn_of_modes_within_spans(
         return
     highest = np.nanmax(np.append(known, -np.inf))
     nodes, groups, restart = merge_solution_state(*split[:2])
+    no_unknowns: Any = None
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
         where = named[number][0]
         if not isinstance(group, Hanging) or group.weight is None:
             continue
-        system = make_system(nodes, groups, restart, None, None)
+        system = make_system(nodes, groups, restart, None, no_unknowns)
         tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)
         # first frequency of a taut string with the mass of the catenary: exact across a shallow one
         mass = group.weights(state) / gravity
-        span_frequency = (
-            jnp.sqrt(tension / jnp.where(mass > 0, mass, jnp.nan) / state.rest_length) / 2
-        )
-        span_frequency = checks.array_if_known(span_frequency)
-        if span_frequency is None:
+        mass = jnp.where(mass > 0, mass, jnp.nan)
+        found = checks.array_if_known(jnp.sqrt(tension / mass / state.rest_length) / 2)
+        if found is None:
             return
-        slow = np.flatnonzero(span_frequency < highest)
+        slow = np.flatnonzero(found < highest)
         if len(slow):
-            k = int(slow[np.argmin(span_frequency[slow])])
+            k = int(slow[np.argmin(found[slow])])
             checks.warn_user(
                 f"structure: catenary {k} of elements{where} vibrates within its span at about "
-                f"{span_frequency[k]:.3g} Hz, slower than a mode that is returned "
+                f"{found[k]:.3g} Hz, slower than a mode that is returned "
                 f"({highest:.3g} Hz); modes within a span are not found: use a chain of Cables, or "
                 "ask for fewer modes"
             )

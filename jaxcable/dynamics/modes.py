@@ -48,15 +48,15 @@ class NaturalModes:
             state is unstable or a mechanism: see `squared`).
         squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
         shape: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
-        unknowns: the same modes by the unknowns of `stiffness.tangent_stiffness`, rotations of nodes
-            included, [n, n_free].
+        unknowns: the same modes by the unknowns of `stiffness.tangent_stiffness`, with rotations of
+            nodes, [n, n_free].
         modal_mass: mass of each mode in this scale, [n], kg: twice its kinetic energy where the
             node that moves most has 1 m/s.
         participation: factors by which modes answer an acceleration of the ground along x, y, z,
             [n, 3].
         effective_mass: mass that each mode moves with along x, y, z, [n, 3], kg, whatever its
             scale; the sum over all modes is `total_mass`.
-        total_mass: mass that can move along x, y, z, [3], kg.
+        total_mass: mass that can move along x, y, z, without that of `loose` nodes, [3], kg.
         repeated: whether another mode has the same frequency (to 1e-6 of its square), [n] bool:
             such modes are one basis of many, and derivatives of frequency and shape are NaN.
         loose: nodes that slack cables alone hold, left out of the modes, [n_node] bool.
@@ -192,27 +192,36 @@ def modes(
             "masses: no element group has a weight; give weight=... in N/m, or masses=... in kg"
         )
     n = min(n, len(split[2].free))
-    found, symmetric = _natural_modes(split, gravity, added, distribution=distribution, n=n)
+    if n == 0:
+        raise ValueError(_nothing_moves(structure))
+    static = {"distribution": distribution, "n": n}
+    found, symmetric, has_mass = _natural_modes(split, gravity, added, **static)
     if checks.array_if_known(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "frequencies may be complex, and only symmetric problems are solved"
         )
-    total = checks.array_if_known(found.total_mass)
-    if total is not None and not np.any(total != 0):
-        hint = ""
-        if any(isinstance(group, Hanging) for group in structure.groups):
-            hint = "; catenaries have no modes within their span: use a chain of Cables"
-        raise ValueError(f"masses: no node that is free to move has mass{hint}")
+    if checks.array_if_known(has_mass) is not None and not has_mass:
+        raise ValueError(_nothing_moves(structure))
     found = _without_massless_modes(found)
     warn_of_loose_nodes(found.loose)
     warn_of_modes_within_spans(structure, split, gravity, found.frequency)
     return found
 
 
+def _nothing_moves(structure):
+    """Return the message for a structure of which nothing that has mass is free to move."""
+    hint = ""
+    if any(isinstance(group, Hanging) for group in structure.groups):
+        hint = "; catenaries have no modes within their span: use a chain of Cables"
+    return f"masses: no node that is free to move has mass{hint}"
+
+
 @functools.partial(as_program, static=("distribution", "n"))
 def _natural_modes(split, gravity, masses, distribution, n):
-    """Return the `NaturalModes` of a split state, and whether its tangent is symmetric; a program.
+    """Return the `NaturalModes` of a split state, a program.
+
+    Also whether its tangent is symmetric, and whether anything that moves has mass.
 
     Args:
         split: as from `split_for_modes`.
@@ -232,14 +241,14 @@ def _natural_modes(split, gravity, masses, distribution, n):
     scale = mode_shape_scales(shape, found.vectors)
     massive = jnp.isfinite(found.squared)
     unscaled = jnp.where((scale == 0) & massive, 1.0, scale)  # rotations alone: no displacements
-    along = translations_of_unknowns(system)
+    along = jnp.where(loose[:, None], 0.0, translations_of_unknowns(system))
     pulled = multiply(mass, along.T).T
     shares = found.vectors @ pulled
     modal_mass = jnp.where(massive, unscaled**2, 0.0)
     positive_mode = found.squared > 0
     frequency = jnp.sqrt(jnp.where(positive_mode, found.squared, 1.0)) / (2 * jnp.pi)
     ok = found.symmetric & ~jnp.any(jnp.isnan(found.squared))
-    result = NaturalModes(
+    found_modes = NaturalModes(
         frequency=jnp.where(positive_mode, frequency, jnp.nan),
         squared=found.squared,
         shape=shape * scale[:, None, None],
@@ -252,7 +261,7 @@ def _natural_modes(split, gravity, masses, distribution, n):
         loose=_nodes_of_unknowns(loose, dof_map, len(system.nodal_mass)),
         status=jnp.where(ok, status.OK, status.MODES_NOT_FOUND).astype(jnp.int32),
     )
-    return result, found.symmetric
+    return found_modes, found.symmetric, jnp.any(diagonal(mass) > 0)
 
 
 def _nodes_of_unknowns(chosen, dof_map, n_node):

@@ -11,10 +11,11 @@ from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
 from .assembly_map import AssemblyMap, append_zero, make_assembly_map
+from .beside_modes import solve_beside_modes
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import OnDeviceFactor
-from .eigenmodes import FoundModes, lowest_modes, solve_beside_modes
+from .eigenmodes import FoundModes, lowest_modes
 from .pattern import Matrix, Pattern, SparseMatrix, assemble_matrix, make_pattern
 from .solver import (
     Analysis,

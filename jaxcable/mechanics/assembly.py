@@ -289,10 +289,7 @@ class System(Elementwise):
         return self._assemble_matrix(parts + self.external_mass_parts(x))
 
     def external_mass_parts(self, x: Motion) -> list[MatrixPart]:
-        """Return masses that are none of elements: zeros in the shapes of the load stiffness.
-
-        The pattern has places for these.
-        """
+        """Return masses that are none of elements: zeros where the pattern has places for loads."""
         others = jax.eval_shape(lambda: self.external_stiffness_parts(x))
         return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
 

@@ -10,6 +10,7 @@ from ..common.types import Array, ArrayLike, Float
 # displacement of a mode, over its largest unknown, below which it is rounding: some 1e4 eps, far
 # below the displacements of any mode that is not made of rotations alone
 _SMALLEST_SHAPE = 1e-12
+_EQUAL = 1 - 1e-6  # component over the largest from which it counts as equal
 
 
 def relative_residual(
@@ -40,7 +41,10 @@ def mode_shape_scales(
     """
     size = jnp.max(safe_norm(shapes), axis=-1)
     flat = shapes.reshape(len(shapes), -1)
-    largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
+    sizes = jnp.abs(flat)
+    # the first of equal components, such as those of an antisymmetric mode: not what rounding says
+    first = jnp.argmax(sizes >= _EQUAL * jnp.max(sizes, axis=1, keepdims=True), axis=1)
+    largest = jnp.take_along_axis(flat, first[:, None], axis=1)[:, 0]
     moves = size > _SMALLEST_SHAPE * jnp.max(jnp.abs(vectors), axis=-1)
     return jnp.where(moves, jnp.sign(largest) / jnp.where(moves, size, 1.0), 0.0)
 

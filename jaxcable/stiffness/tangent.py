@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import jax
@@ -20,7 +21,7 @@ from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
 from ..programs.program_calls import as_program
-from ..spaces.dof_map import DofMap, make_dof_map
+from ..spaces.dof_map import DofMap, MotionRows, make_dof_map
 
 _SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], RestartState]"
 _IndexArrays: TypeAlias = "list[np.ndarray]"
