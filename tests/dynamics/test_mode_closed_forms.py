@@ -84,7 +84,7 @@ def slender(n, supports, force=0.0):
 @pytest.mark.slow_cases("clamped")
 @pytest.mark.parametrize("which", ["clamped", "free", "pulled"])
 def test_beams(which):
-    """Three frequencies of 12 elements, of order 4: ``cos b cosh b`` is -1 or 1; a pinned string."""
+    """Three frequencies of 12 elements, of order 4: ``cos b cosh b`` is -1 or 1; a pinned one."""
     unit = np.sqrt(EI / MASS) / LENGTH**2 / (2 * np.pi)
     if which == "pulled":
         force, k = 5000.0, np.pi * np.arange(1, 4)
@@ -116,7 +116,7 @@ def test_beams(which):
 
 
 def test_effective_masses():
-    """Of a string ``8 / (pi k)^2`` of its mass in odd modes, and of all modes what is free to move."""
+    """Of a string ``8 / (pi k)^2`` of its mass in odd modes, and of all what can move."""
     nodes, links = pieces(40, 10.0)
     cable = jc.Cables(links, axial_stiffness=1e7, weight=5.0)
     supports = jc.pinned([0, 40]) + jc.restrained(range(1, 40), "y")

@@ -28,7 +28,7 @@ def string(n, tension, held="y"):
 
 
 def test_gradients_of_frequency_shape_and_effective_mass():
-    """By tension and by masses at the nodes, all at once; modes are sums that a scale would change."""
+    """By tension and masses at the nodes, all at once; sums in which the scale of modes counts."""
     weights = np.random.default_rng(3).normal(size=(3, 7))
 
     def value(p):
@@ -62,7 +62,7 @@ def test_second_derivatives_and_batches():
 
 
 def test_lanczos_has_the_modes_of_dense_matrices():
-    """399 unknowns, sparse and dense; frequencies by tension in closed form, shapes by both ways."""
+    """399 unknowns, sparse and dense; frequencies by tension in closed form, shapes both ways."""
     n = 200
 
     def both(solver, tension):
