@@ -37,7 +37,7 @@ WIDER = "() => document.documentElement.scrollWidth - window.innerWidth"
 SEARCHES = {
     "pretension": "First steps",
     "slack": "Slack cables",
-    "natural_frequencies": "Stability",
+    "NaturalModes": "Motion",
 }  # a word, and what is found by it
 
 

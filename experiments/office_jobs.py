@@ -41,7 +41,7 @@ def bridge(jax, jnp, np, jc):
     phases[-1] = jc.replace(phases[-1], shortening=turned)
     level = jc.design.Target("positions", 0.0, at=(np.arange(16, 25), 2), within=1e-4)
     tuned = jc.design.tune(structure, phases, [(len(phases) - 1, "shortening")], level)
-    modes = jc.stiffness.natural_frequencies(structure, tuned.solution, masses=500.0)
+    modes = jc.dynamics.modes(structure, tuned.solution, masses=500.0)
     return *tuned.values[0]["hangers"], *modes.frequency[:3]
 
 

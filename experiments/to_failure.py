@@ -206,7 +206,7 @@ def dome(say):
     share = np.sum(turned**2) / np.sum(mode[ring] ** 2)
     say(f"  its mode turns nodes around the axis: {100 * share:.0f} % of the squared displacement")
     state = jc.solve(*scene)
-    slow = jc.stiffness.natural_frequencies(scene[0], state, n=1, masses=100.0)
+    slow = jc.dynamics.modes(scene[0], state, n=1, masses=100.0)
     say(
         f"  at 500 N/m2 the perfect dome is in equilibrium (status {int(state.status)}) and "
         f"unstable: squared circular frequency {float(slow.squared[0]):.3g} 1/s2\n"

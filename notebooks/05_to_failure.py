@@ -145,7 +145,7 @@ frequencies = []
 for share in shares:
     solution = under(share * limit)
     jc.raise_if_failed(solution)
-    slowest = jc.stiffness.natural_frequencies(structure, solution, n=1, masses=10.0)
+    slowest = jc.dynamics.modes(structure, solution, n=1, masses=10.0)
     frequencies.append(float(slowest.frequency[0]))
 fourth = np.array(frequencies) ** 4
 print("load / limit   frequency   line through this and the one before points to")

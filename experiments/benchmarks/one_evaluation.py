@@ -73,7 +73,7 @@ def main():
         "gradient": lambda k: jax.grad(square)(nodes * (1 + 1e-7 * k)),
         "hessian": lambda k: jax.hessian(moved)(np.array([1 + 1e-7 * k, 1.0])),
         "batch": lambda k: jax.vmap(lambda f: solve(nodes * (1 + 1e-3 * f)).tension)(factors + k),
-        "modes": lambda k: jc.stiffness.natural_frequencies(
+        "modes": lambda k: jc.dynamics.modes(
             structure, solve(nodes * (1 + 1e-7 * k)), masses=np.full(len(nodes), 10.0)
         ),
         "fit": fit,

@@ -10,7 +10,7 @@ from os import PathLike
 from ..common import checks
 from ..files.csv_tables import TableRow
 from ..files.reading import FileError
-from ..stiffness.vibration import STANDARD_GRAVITY
+from ..loads.masses import STANDARD_GRAVITY
 from .names import plain_name, unknown_name_error
 from .tables import CABLE_COLUMNS, needed_value, package_rows, read_rows, si_value, source_text
 

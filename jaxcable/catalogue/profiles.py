@@ -11,9 +11,9 @@ import numpy as np
 
 from ..common import checks
 from ..files.codec import NAMED_RECORDS
+from ..loads.masses import STANDARD_GRAVITY
 from ..materials.law import Law
 from ..sections import Section
-from ..stiffness.vibration import STANDARD_GRAVITY
 from . import rolled, torsion_constants
 from .names import plain_name, unknown_name_error
 from .quads import Quad, quad_moments

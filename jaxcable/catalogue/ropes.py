@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from ..common import checks
-from ..stiffness.vibration import STANDARD_GRAVITY
+from ..loads.masses import STANDARD_GRAVITY
 from .cables import UNIT_WEIGHT, CableData
 from .names import plain_name
 from .tables import ROPE_COLUMNS, needed_value, package_rows, source_text

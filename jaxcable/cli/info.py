@@ -13,6 +13,7 @@ from ..common.units import SI
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..files.net_units import unit_of_net_value
 from ..loads.faces import face_areas
+from ..loads.masses import STANDARD_GRAVITY
 from ..model.result_parts import named_groups_of
 from ..reporting.load_descriptions import (
     describe_actions,
@@ -29,7 +30,6 @@ from ..reporting.phase_descriptions import (
 from ..reporting.plain_text import table_text
 from ..reporting.table import common_scales, table_in_units
 from ..spaces.dof_map import make_dof_map
-from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 from .combining import combine_actions
 

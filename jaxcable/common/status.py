@@ -40,6 +40,7 @@ BEYOND_PEAK = 25
 STATIONARY = 26
 NOT_AS_BUILT = 27
 NOT_NEAREST = 28
+MODES_NOT_FOUND = 29
 
 NAMES: dict[int, str] = {
     code: name
@@ -170,6 +171,11 @@ _TEXTS = {
         "the point where the search for a design point ended is not the nearest one that fails: "
         "the distance is not a minimum there, and restarts beside it found none, or a nearer point "
         "fails; begin nearer to that one (start), or allow more steps and points"
+    ),
+    MODES_NOT_FOUND: (
+        "no natural modes were found: the tangent stiffness of the state is not finite (a failed "
+        "analysis) or not symmetric (follower loads, nodal moments), or the iteration has not "
+        "converged: ask for fewer modes"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

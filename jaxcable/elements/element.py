@@ -99,7 +99,7 @@ class Element(abc.ABC):
             gradient of its energy. Where it is False (forces that follow the element without a
             potential) the tangent is solved by LU, its transpose in derivatives; then the analysis
             warns of no unstable state, `stable` means that the symmetric part of the tangent is
-            definite (see `PhaseResult`), and `natural_frequencies`, `buckling_factor` and `modes`
+            definite (see `PhaseResult`), and `dynamics.modes`, `buckling_factor` and `modes`
             raise ValueError.
         tension_only, compression_only: whether an element carries only tension, or compression.
         monotone: whether its force is known not to fall with strain (no softening). The energy of

@@ -11,9 +11,11 @@ from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
 from .assembly_map import AssemblyMap, append_zero, make_assembly_map
+from .beside_modes import solve_beside_modes
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import OnDeviceFactor
+from .eigenmodes import FoundModes, lowest_modes
 from .pattern import Matrix, Pattern, SparseMatrix, assemble_matrix, make_pattern
 from .solver import (
     Analysis,
@@ -32,6 +34,7 @@ __all__ = [
     "NOT_COUNTED",
     "Analysis",
     "AssemblyMap",
+    "FoundModes",
     "Matrix",
     "NumericFactor",
     "OnDeviceFactor",
@@ -53,12 +56,14 @@ __all__ = [
     "inertia_and_nearest_mode",
     "is_definite",
     "is_symmetric",
+    "lowest_modes",
     "make_assembly_map",
     "make_pattern",
     "nan_unless",
     "no_factored_matrix",
     "register",
     "selectable_solver_names",
+    "solve_beside_modes",
     "solve_bordered",
     "solve_definite",
     "solve_general",

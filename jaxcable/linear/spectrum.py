@@ -11,6 +11,8 @@ sign of the determinant is known.
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -198,7 +200,7 @@ def _spectrum_of_sparse_case(symmetric, apart, indptr, indices, values, loose, s
     nothing = np.int32(0), np.nan, np.full(n, np.nan), np.full(n, np.nan)
     if not np.isfinite(whole.data).all() or len(keep) == 0:
         return nothing
-    unsymmetric = apart is not None and not _is_sparse_symmetric(whole, apart)
+    unsymmetric = apart is not None and not is_sparse_symmetric(whole, apart)
     sure = 0.0 if strict else _ROUNDING * np.finfo(float).eps
     if unsymmetric:
         found = _spectrum_of_sparse_unsymmetric(whole, sure)
@@ -243,7 +245,7 @@ def _spectrum_of_sparse_symmetric(matrix, sure):
     return number, value[0], vector[:, 0], vector[:, 0]
 
 
-def _is_sparse_symmetric(matrix, tol):
+def is_sparse_symmetric(matrix: Any, tol: float) -> bool:
     """Return whether a SciPy matrix is symmetric up to `tol` times the roots of its diagonal."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     apart = abs(matrix - matrix.T).tocoo()

@@ -29,7 +29,7 @@ class IceLoads(AlongElements):
     catenaries hang under it. On sliding cables it slides along, as `SelfWeight` does. It acts on
     elements whenever they are there (`Phase`).
 
-    The ice does not fall off, has no stiffness, and no mass: `stiffness.natural_frequencies` does
+    The ice does not fall off, has no stiffness, and no mass: `dynamics.modes` does
     not know of it. Ice on half of the guys is a case of its own:
     give a thickness to each element. Wind blows at iced members by `ice` of `WindLoads`.
 

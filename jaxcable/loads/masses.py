@@ -26,7 +26,7 @@ class PointMasses(OnNodes):
 
     The force on a node is ``mass gravity direction``. A `direction` such as (0.2, 0, 0) states an
     equivalent static acceleration of 0.2 g along x. The masses are points: they have no moments and
-    no rotational inertia. `stiffness.natural_frequencies` takes the object as its `masses`.
+    no rotational inertia. `dynamics.modes` takes the object as its `masses`.
 
     Args:
         nodes: node numbers, [n]; masses add if a node is named more than once.
@@ -47,7 +47,7 @@ class PointMasses(OnNodes):
         >>> structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], rope, supports=jc.pinned([0]))
         >>> bob = jc.PointMasses([1], 2.0)
         >>> solution = jc.solve(structure, jc.Phase(pretension=2 * 9.80665, loads=bob))
-        >>> found = jc.stiffness.natural_frequencies(structure, solution, n=2, masses=bob)
+        >>> found = jc.dynamics.modes(structure, solution, n=2, masses=bob)
         >>> print(solution.status, jnp.round(found.frequency, 6))  # Hz, in x and in y
         0 [0.5 0.5]
     """

@@ -286,11 +286,12 @@ class System(Elementwise):
         if pattern is not None and any(pattern.paired):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
         parts = self.matrix_parts(self.mass_matrices(x, gravity, distribution), x)
-        # the pattern has places for terms of loads, too
+        return self._assemble_matrix(parts + self.external_mass_parts(x))
+
+    def external_mass_parts(self, x: Motion) -> list[MatrixPart]:
+        """Return masses that are none of elements: zeros where the pattern has places for loads."""
         others = jax.eval_shape(lambda: self.external_stiffness_parts(x))
-        return self._assemble_matrix(
-            parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
-        )
+        return jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
 
     def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
         """Return minus the derivative of the loads by a step (load stiffness), in `MatrixPart`s.
@@ -311,16 +312,17 @@ class System(Elementwise):
 
     def displacement_jacobian(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
+        one = jnp.eye(self.dof_map.free.shape[0], dtype=x.dtype)
+        return jnp.moveaxis(jax.vmap(lambda step: self.displacements_of_step(x, step))(one), 0, -1)
+
+    def displacements_of_step(self, x: Motion, step: Step) -> Float[Array, "n_row 3"]:
+        """Return the displacements by a small step of the unknowns, linear in it, m."""
         dof_map, n_row = self.dof_map, len(x)
         number, slopes = dof_map.unknown_of_dof, self.space.motion_jacobian(x)
         if dof_map.rigid_links is not None:
             number = number[reference_rows(n_row, dof_map.rigid_links)]
-        if slopes is None:
-            number = number[:, :3]
-            slopes = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (n_row, 3, 3))
-        moved = jnp.zeros((n_row, 3, dof_map.free.shape[0] + 1), x.dtype)
-        at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
-        return moved.at[at].add(slopes[:, :3])[..., :-1]
+        own = linear.append_zero(step)[number]
+        return own[:, :3] if slopes is None else jnp.einsum("rci,ri->rc", slopes[:, :3], own)
 
     def _assemble_matrix(self, parts: list[MatrixPart]) -> Matrix:
         """Assemble a matrix from `parts`; temporarily fixed unknowns keep a diagonal entry only."""

@@ -15,6 +15,7 @@ from .diagrams import diagram
 from .envelopes import envelope_diagram
 from .histories import history
 from .increments import increments
+from .mode_shapes import mode_shapes
 from .model_pictures import model
 from .nets import net
 from .paths import path
@@ -32,6 +33,7 @@ __all__ = [
     "for_report",
     "history",
     "increments",
+    "mode_shapes",
     "model",
     "net",
     "path",

@@ -208,7 +208,10 @@ def line_width(n: int) -> float:
 
 
 def line_legend(
-    forces: Sequence[ElementForces], before: bool = False, counted: bool = True
+    forces: Sequence[ElementForces],
+    before: bool = False,
+    counted: bool = True,
+    earlier: str = "before",
 ) -> list[Line2D]:
     """Return legend entries for the ways in which elements are drawn in some pictures.
 
@@ -218,10 +221,11 @@ def line_legend(
         forces: `ElementForces` of the pictures; slack elements are counted in the last one.
         before: whether an earlier geometry is drawn.
         counted: whether to add the number of slack elements.
+        earlier: what the earlier geometry is called.
     """
     found = []
     if before:
-        found.append(Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="before"))
+        found.append(Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label=earlier))
     if any(f.slack.any() for f in forces):
         last = forces[-1]
         label = (

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.units import SI, UnitsLike, as_units
+from ..common.units import SI, Units, UnitsLike, as_units
 from ..model.structure import Structure
 from .diagrams import ForceDiagrams
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
@@ -92,13 +92,43 @@ def sequence(
     stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names)
     stages = _stages_of_phases(snapshots, magnify)
+    notes = [f"displacements x {magnify:g}"] if magnify != 1.0 else []
+    options = diagram, one_scale, view, columns, supports, notes, stated
+    figure = draw_stages(stages, snapshots, *options, high=high)
+    return finish_figure(figure, path)
+
+
+def draw_stages(
+    stages: Sequence[StagePicture],
+    snapshots: Snapshots,
+    diagram: str | None,
+    one_scale: bool,
+    view: str | None,
+    columns: int | None,
+    supports: bool,
+    notes: Sequence[str],
+    units: Units | None,
+    earlier: str = "before",
+    high: float = _HIGH,
+) -> Figure:
+    """Draw small pictures beside each other, in the same scales and colors; return the figure.
+
+    Args:
+        stages: `StagePicture` of each.
+        snapshots: `Snapshots` of the solution.
+        diagram, high: as of `sequence`.
+        one_scale, view, columns, supports: as of `sequence`.
+        notes: lines of text for the legend.
+        units: of coordinates and values, or None.
+        earlier: what the geometry behind them is called.
+    """
     everything = np.concatenate([stage.points() for stage in stages])
-    seen = choose_view(everything, view, units=stated or SI)
-    content: Any = _ColoredElementPictures(stages, snapshots, seen, stated, one_scale)
+    seen = choose_view(everything, view, units=units or SI)
+    content: Any = _ColoredElementPictures(stages, snapshots, seen, units, one_scale, earlier)
     if diagram is not None:
         instants = [stage.now for stage in stages]
         content = ForceDiagrams(
-            snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST, stated
+            snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST, units
         )
         everything = np.concatenate([everything, content.points()])
     if columns is None:
@@ -120,13 +150,12 @@ def sequence(
     handles = content.legend_entries()
     if supports:
         handles += support_legend(np.any(held, axis=0))
-    if magnify != 1.0:
-        handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
+    handles += [Line2D([], [], linestyle="", label=note) for note in notes]
     bar = content.color_bar() if diagram is None else None
     finish_layout(figure, slots, handles, bar, columns if seen.flat else None)
     for axes in figure.axes[:count]:
         keep_texts_inside(axes)
-    return finish_figure(figure, path)
+    return figure
 
 
 def _stages_of_phases(snapshots, magnify):
@@ -158,10 +187,11 @@ class _ColoredElementPictures:
         view: `View` of all pictures.
         units: `Units` of the numbers, or None.
         one_scale: whether colors have one scale for all groups.
+        earlier: what the geometry behind them is called.
     """
 
-    def __init__(self, stages, snapshots, view, units, one_scale):
-        self.stages, self.snapshots, self.view = stages, snapshots, view
+    def __init__(self, stages, snapshots, view, units, one_scale, earlier):
+        self.stages, self.snapshots, self.view, self.earlier = stages, snapshots, view, earlier
         self.scale = ColorScale([stage.now.forces for stage in stages], units, one_scale)
 
     def draw(self, axes, number):
@@ -175,7 +205,7 @@ class _ColoredElementPictures:
         """Return legend entries for colors of groups and line styles: slack, compressed, before."""
         moved = any(now.has_moved_from(before) for _, now, before in self.stages)
         return self.scale.legend_entries() + line_legend(
-            [stage.now.forces for stage in self.stages], moved, False
+            [stage.now.forces for stage in self.stages], moved, False, self.earlier
         )
 
     def color_bar(self):

@@ -14,10 +14,12 @@ from matplotlib.colors import to_hex
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.units import UnitsLike, as_units
+from ..dynamics.modes import NaturalModes
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from .diagrams import forces_along_beams
 from .element_forces import all_result_columns, concatenate_values
+from .mode_shapes import mode_titles, moving_modes
 from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
 from .style import LOAD, REACTION, SLACK, color_map, display_unit
@@ -36,6 +38,7 @@ def view(
     title: str = "jaxcable",
     names: Sequence[str] | None = None,
     frames: int = 40,
+    modes: NaturalModes | None = None,
     units: UnitsLike | None = None,
 ) -> Page:
     """Write a page with an interactive 3-D view of a structure, its phases and its results.
@@ -67,6 +70,8 @@ def view(
         frames: largest number of increments in the page, taken evenly from all of them; the ends
             of phases are kept whatever it is. Every one needs ``16 n_node + 7 n_elem`` bytes or
             more, and all positions and results are numbers of 32 bits.
+        modes: result of `dynamics.modes` about the last state: the page shows these in place of the
+            increments, each as a moving shape with its frequency; elements are straight then.
         units: units of the numbers that the page shows, as of `net`.
 
     Returns:
@@ -91,12 +96,15 @@ def view(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names, _PLACES)
-    shots = snapshots.increments(frames, ends=True)
     arrays = PageArrays()
     description: dict[str, Any] = {"title": title, "note": _failure_note(solution)}
     count = len(solution.phases)
     phases = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
-    description["phases"] = phases
+    if modes is None:
+        shots = snapshots.increments(frames, ends=True)
+    else:
+        shots, phases = moving_modes(modes, snapshots), mode_titles(modes)
+    description |= {"phases": phases, "repeats": modes is not None}
     _add_geometry(description, arrays, snapshots, shots)
     _add_curves(arrays, snapshots, shots)
     _add_results(description, arrays, snapshots, shots)

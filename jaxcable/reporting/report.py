@@ -11,6 +11,7 @@ from ..common import checks as arguments
 from ..common.units import SI, UnitsLike, as_units
 from ..design.checks import Checks
 from ..design.combinations import Combinations
+from ..dynamics.modes import NaturalModes
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -30,6 +31,7 @@ from .displacements import (
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
+from .mode_table import mode_table
 from .model_tables import model_tables
 from .phase_tables import phase_tables
 from .reactions import (
@@ -68,6 +70,7 @@ def report(
     chains: Mapping[str, Sequence[int]] | None = None,
     combinations: Combinations | None = None,
     checks: Checks | None = None,
+    modes: NaturalModes | None = None,
     model: bool = False,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
@@ -103,6 +106,7 @@ def report(
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
             and a table of them.
         checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
+        modes: result of `dynamics.modes` about the final state: the table ``modes``.
         model: whether there are tables of what was analysed: ``geometry`` with supports,
             ``properties`` of elements, and, if they are given, ``phases``.
 
@@ -189,6 +193,8 @@ def report(
         summary, tables = _add_checks(summary, tables, checks)
     if combinations is not None:
         summary, tables = _add_combinations(summary, tables, combinations, of, failed)
+    if modes is not None:
+        tables["modes"] = mode_table(modes)
     if model:
         tables = {**model_tables(structure, listed, labels, shown), **tables}
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)

@@ -88,6 +88,7 @@ class Report:
               the name of each its values in all elements, at all places;
             - ``forces_by_phase``, ``reactions_by_phase``: at the ends of three phases or more, and
               ``displacements_by_phase`` where ``displacements`` is on cases;
+            - ``modes``: frequencies, periods and effective masses, if they are given;
             - ``energy`` if it was asked for.
 
         units: the `Units` of all tables and sentences that were asked for; None for SI units.

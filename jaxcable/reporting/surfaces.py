@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..loads.faces import face_areas
+from ..loads.masses import STANDARD_GRAVITY
 from ..model.result_parts import named_groups_of, present_elements
-from ..stiffness.vibration import STANDARD_GRAVITY
 from .states import ReportedAnalysis
 from .table import Table, columns_of_rows, make_table
 

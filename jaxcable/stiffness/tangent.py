@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import jax
@@ -20,7 +21,7 @@ from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..model.topology import require_same_topology
 from ..programs.program_calls import as_program
-from ..spaces.dof_map import DofMap, make_dof_map
+from ..spaces.dof_map import DofMap, MotionRows, make_dof_map
 
 _SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], RestartState]"
 _IndexArrays: TypeAlias = "list[np.ndarray]"
@@ -107,6 +108,7 @@ def split_solution_state(
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
     *,
     unknowns: bool = True,
+    number: Callable[[FixedDofs, MotionRows | None], DofMap] | None = None,
 ) -> tuple[_SplitModel, _IndexArrays, DofMap]:
     """Split the state of a solution into what programs such as `tangent_matrix` take.
 
@@ -114,6 +116,8 @@ def split_solution_state(
         structure, state, fixed: as for `tangent_stiffness`.
         unknowns: False for a numbering without unknowns, which does not depend on which elements
             are there: this can then be traced.
+        number: function of the fixed degrees of freedom and the rows of motion that numbers the
+            unknowns; None for a numbering of dense matrices.
 
     Returns:
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
@@ -134,7 +138,10 @@ def split_solution_state(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
-    dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    if number is None:
+        dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    else:
+        dof_map = number(fixed, rows)
     dof_map = dof_map if unknowns else dof_map.without_unknowns
     return *split_indices((nodes, groups, state.restart)), dof_map
 

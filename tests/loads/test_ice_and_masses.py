@@ -87,9 +87,9 @@ def test_frequencies_take_the_same_object():
     heavy = hub(weight=20.0)
     solution = jc.solve(heavy, TAUT)
     added = jc.PointMasses([4, 4], [100.0, 50.0])
-    found = jc.stiffness.natural_frequencies(heavy, solution, n=3, masses=added)
+    found = jc.dynamics.modes(heavy, solution, n=3, masses=added)
     by_array = np.array([0, 0, 0, 0, 150.0])
-    known = jc.stiffness.natural_frequencies(heavy, solution, n=3, masses=by_array)
+    known = jc.dynamics.modes(heavy, solution, n=3, masses=by_array)
     assert (found.squared == known.squared).all()
     # the tangent stiffness of four taut cables over the mass, with a share of theirs
     way = CHORD / LENGTH[:, None]
@@ -102,7 +102,7 @@ def test_frequencies_take_the_same_object():
     squared = np.linalg.eigvalsh(stiffness) / (150.0 + own)
     np.testing.assert_allclose(np.sort(found.squared), squared, rtol=1e-9)
     with pytest.raises(ValueError, match=r"load nodes\[0\] = 9: the structure has nodes 0 to 4"):
-        jc.stiffness.natural_frequencies(heavy, solution, masses=jc.PointMasses([9], 1.0))
+        jc.dynamics.modes(heavy, solution, masses=jc.PointMasses([9], 1.0))
 
 
 def test_form_finding_takes_masses():

@@ -344,7 +344,7 @@ def test_the_first_period_of_a_cantilever():
     found = gone(system, begun, half / count, count)
     tip = [m.motion[n, 2] * frequency / speed[n, 2] for m in found]
     turned = of_average_acceleration(frequency, half / count) * half
-    # four cubic elements: 3e-5 of the frequency, as `natural_frequencies` has it
+    # four cubic elements: 3e-5 of the frequency, as `dynamics.modes` has it
     assert_allclose(tip[-1], np.sin(turned), atol=2 * 3e-5 * np.pi)
     assert_allclose(tip[count // 2], 1.0, atol=2e-3)  # of the second mode, with the mass at nodes
 

@@ -588,13 +588,13 @@ jc.Incremental(stiffness="x")  # stiffness = 'x': expected
 jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 
 ## results
-jc.stiffness.natural_frequencies(HUNG, solution(), masses=np.ones(7))
+jc.dynamics.modes(HUNG, solution(), masses=np.ones(7))
     # masses: expected a scalar or shape (4,), got (7,); one mass for each node
-jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1.0), 2.0])
+jc.dynamics.modes(HUNG, solution(), masses=[jc.PointMasses([1], 1.0), 2.0])
     # masses[1]: expected PointMasses, got float
-jc.stiffness.natural_frequencies(HUNG, solution(), n=0)  # n = 0: expected a whole number
-jc.stiffness.natural_frequencies(HUNG, solution())  # masses: no element group has a weight
-jc.stiffness.natural_frequencies(HUNG, solution(), masses=1.0, distribution="even")
+jc.dynamics.modes(HUNG, solution(), n=0)  # n = 0: expected a whole number
+jc.dynamics.modes(HUNG, solution())  # masses: no element group has a weight
+jc.dynamics.modes(HUNG, solution(), masses=1.0, distribution="even")
     # distribution = 'even'
 jc.stiffness.flexibility(HUNG, solution(), [99])  # nodes[0] = 99: the structure has nodes
 jc.stiffness.flexibility(HUNG, solution(), [1], axes="w")  # axes = 'w'

@@ -224,7 +224,7 @@ def over(v):
 def swinging(v):
     structure = net(weight=1.0)
     state = unstrained(structure)
-    found = jc.stiffness.natural_frequencies(structure, state, gravity=v[0], masses=v[1:])
+    found = jc.dynamics.modes(structure, state, gravity=v[0], masses=v[1:])
     return found.squared
 
 
@@ -460,9 +460,10 @@ of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
 of_path("largest"), 0.1, -0.1  # largest: largest = -0.1
 of_path("tol"), 1e-9, -1e-9  # tol: tol = -1e-09
-## stiffness/vibration.py
+## dynamics/modes.py
 swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
-swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
+## dynamics/inertia.py
+swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # nodal_masses: masses... = -1.0
 ## results/internal_forces.py
 lambda v: jc.section_forces(frame(), unstrained(frame()), v), [0.5], [1.5]
     # places: places[0] = 1.5
@@ -564,10 +565,11 @@ OTHERWISE = {
     "sections/composites.py:_sum_torsion_constants": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/bounds.py:check": "bounds that are traced end in the status OUTSIDE",
-    "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
-    "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
-    "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
-    "stiffness/vibration.py:_warn_of_weights_without_mass": "no rule: a warning",
+    "dynamics/modes.py:_without_massless_modes": "no rule: how many modes have mass",
+    "dynamics/modes.py:modes": "NaN where it is traced: an unsymmetric tangent",
+    "dynamics/mode_warnings.py:warn_of_modes_within_spans": "no rule: a warning",
+    "dynamics/mode_warnings.py:warn_of_loose_nodes": "no rule: a warning",
+    "dynamics/mode_warnings.py:warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
     "model/torsional_mechanisms.py:find_torsional_mechanisms": "a warning",
@@ -584,6 +586,6 @@ OTHERWISE = {
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
-    "stiffness/vibration.py:_nodal_masses": "no rule: which library computes",
+    "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

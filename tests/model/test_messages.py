@@ -123,7 +123,7 @@ def fails(outcome):
     ".*pretension[1] = 1000001.0: more than the law ana",
     "direction: is zero; give the direction of the unit",
     "first, second: the ends lie above each other forms",
-    "gravity.* = -1.0 stiffness/vibration.py:gravity",
+    "gravity.* = -1.0 dynamics/modes.py:gravity",
     "places[0] = 1.5 results/internal_forces.py:places",
     "q[0] = -1.0 forms/input_checks.py:values_by_group",
     "tension = -1.0: with this tension in group forms/f",

@@ -298,7 +298,8 @@ function showTime() {
   const { phase, number, factor } = model.shots[shown.shot];
   byId("shot").value = shown.shot;
   byId("phase").value = phase;
-  const text = `${model.phases[phase - 1]}, increment ${number}, load factor ${factor.toFixed(2)}`;
+  const place = model.repeats ? `${factor.toFixed(2)} of the amplitude` : `increment ${number}, load factor ${factor.toFixed(2)}`;
+  const text = `${model.phases[phase - 1]}, ${place}`;
   byId("when").textContent = text;
   byId("shot").setAttribute("aria-valuetext", text);
 }
@@ -308,10 +309,17 @@ function setShot(shot) {
   rebuild();
 }
 
+// The next instant of a mode, whose period begins again.
+function nextInstant(shot) {
+  const own = model.shots[shot].phase, next = model.shots[shot + 1];
+  return next && next.phase === own ? shot + 1 : model.shots.findIndex(s => s.phase === own);
+}
+
 function play(on) {
   clearInterval(shown.playing);
   shown.playing = null;
-  if (on && lastShot > 0) {
+  if (on && model.repeats) shown.playing = setInterval(() => setShot(nextInstant(shown.shot)), 60);
+  else if (on && lastShot > 0) {
     if (shown.shot === lastShot) setShot(0);
     shown.playing = setInterval(() => {
       setShot(shown.shot + 1);
@@ -443,8 +451,10 @@ function controls() {
   byId("color").append(...model.columns.map(c => option(c.label, c.label.replace(/_/g, " "))));
   byId("color").value = model.color;
   const ends = model.shots.flatMap((s, k) => (s.end ? [[k, s]] : [])).slice(0, -1);
-  byId("reference").append(option(-1, "initial geometry"), ...ends.map(([k, s]) => option(k, `end of ${named(s.phase)}`)));
-  shown.reference = ends.length ? ends[0][0] : -1;
+  const past = model.repeats ? [] : ends.map(([k, s]) => option(k, `end of ${named(s.phase)}`));
+  byId("reference").append(option(-1, model.repeats ? "at rest" : "initial geometry"), ...past);
+  shown.reference = past.length ? ends[0][0] : -1;
+  if (model.repeats) shown.shot = model.shots.findIndex(s => s.end);
   byId("reference").value = shown.reference;
   byId("phase").append(...model.shots.filter(s => s.end).map(s => option(s.phase, model.phases[s.phase - 1])));
   byId("diagram").append(option("", "none"), ...Object.keys(DIAGRAMS).map(name => option(name, name)));

@@ -1,6 +1,4 @@
-"""Vibration and flexibility about loaded states, against closed forms and differences."""
-
-import functools
+"""Natural modes about loaded states, against closed forms, SciPy and differences."""
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +10,7 @@ from oracles.traced import traced
 from scenes.frames import in_plane
 
 import jaxcable as jc
-from jaxcable.stiffness import flexibility
-from jaxcable.stiffness import natural_frequencies as frequencies
+from jaxcable.dynamics import modes
 
 # weights are masses
 pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
@@ -40,21 +37,21 @@ def string_frequency(k, pretension=1000.0):
 
 
 def test_taut_string_of_fifty_elements():
-    found = frequencies(*string(50), n=8)
+    found = modes(*string(50), n=8)
     pairs = np.asarray(found.frequency).reshape(4, 2)  # across the string, both ways
     exact = string_frequency(np.arange(1, 5))
     assert np.abs(pairs / exact[:, None] - 1).max() < 1e-5  # asked for: 1e-3
     sine = np.sin(np.pi * np.linspace(0, 1, 51))
-    assert np.allclose(np.linalg.norm(np.asarray(found.shapes)[0], axis=1), sine, atol=1e-5)
+    assert np.allclose(np.linalg.norm(np.asarray(found.shape)[0], axis=1), sine, atol=1e-5)
 
 
 def test_order_of_the_mass_matrices():
     strings = [string(n) for n in (5, 10)]
     for distribution, order in (("lumped", 2), ("consistent", 2), ("mean", 4), (None, 4)):
-        found = [frequencies(*own, 1, distribution=distribution).frequency[0] for own in strings]
+        found = [modes(*own, 1, distribution=distribution).frequency[0] for own in strings]
         errors = np.abs(np.array(found) / string_frequency(1) - 1)
         assert abs(np.log2(errors[0] / errors[1]) - order) < 0.1, distribution
-    light = frequencies(*strings[0], 1, gravity=4 * 9.80665)  # a quarter of the mass
+    light = modes(*strings[0], 1, gravity=4 * 9.80665)  # a quarter of the mass
     assert float(light.frequency[0]) == pytest.approx(2 * float(found[0]), rel=1e-9)
 
 
@@ -63,7 +60,7 @@ def test_derivative_by_the_pretension():
     """f^2 is proportional to T (1 + T/EA), whatever the number of elements."""
 
     def frequency(pretension):
-        return frequencies(*string(3, pretension, plane=True), n=1).frequency[0]
+        return modes(*string(3, pretension, plane=True), n=1).frequency[0]
 
     value, rate = jax.value_and_grad(frequency)(1000.0)
     share = 0.5 / 1000.0 + 0.5 / EA / (1 + 1000.0 / EA)
@@ -76,7 +73,7 @@ def test_derivative_of_a_shape_by_a_mass():
 
     def shape(mass):
         masses = jnp.array([0.0, 1e3, 1e3, 0.0]) * jnp.stack([1.0, 1.0, mass, 1.0])
-        return frequencies(structure, solution, n=1, masses=masses).shapes[0, :, 2]
+        return modes(structure, solution, n=1, masses=masses).shape[0, :, 2]
 
     def exact(mass):
         half = 1 + mass
@@ -97,14 +94,14 @@ def test_derivative_of_a_shape_by_a_mass():
 def test_added_masses_and_an_unstable_state():
     structure, phases = jc.scenes.von_mises_truss(load=100.0)
     solution = converged(jc.solve(structure, phases))
-    found = frequencies(structure, solution, masses=10.0)
+    found = modes(structure, solution, masses=10.0)
     stiffness = float(jc.stiffness.tangent_stiffness(structure, solution)[0, 0])
     assert abs(float(found.frequency[0]) * 2 * np.pi - np.sqrt(stiffness / 10)) < 1e-9
     held = jc.replace(structure, supports=jc.pinned(range(3)))
     down = converged(jc.solve(held, [jc.Phase(loads=jc.SupportMovement([1], (0, 0, -0.1)))]))
     free = np.ones((3, 3), bool)
     free[1, 2] = False
-    found = frequencies(held, down, masses=10.0, fixed=free)
+    found = modes(held, down, masses=10.0, fixed=free)
     assert float(found.squared[0]) < 0 and np.isnan(found.frequency[0])
 
 
@@ -115,7 +112,7 @@ def cantilever(law, points=4, ei=2100.0, weight=77.0, n=1):
     numbers = {"torsional_stiffness": 1e5, "weight": weight, "points": points}
     structure = beam(n, section, 4.0, in_plane(n + 1, clamped=[0]), **numbers)
     solution = converged(jc.solve(structure, jc.Phase()))
-    return float(frequencies(structure, solution, n=1).squared[0])
+    return float(modes(structure, solution, n=1).squared[0])
 
 
 def test_one_beam_swings_as_its_cubic():
@@ -145,7 +142,7 @@ def test_mass_on_a_rigid_arm_swings():
         fixed = np.zeros((3, 6), bool)
         fixed[0] = True
         fixed[1, list(held)] = True
-        return frequencies(structure, solution, 9, masses=masses, fixed=fixed).squared
+        return modes(structure, solution, 9, masses=masses, fixed=fixed).squared
 
     bend, arm = 1e9 * 0.1**4 / 12, 3.0
     stiffness = bend / 2.0**3 * np.array([[12, -12.0], [-12.0, 16.0]])
@@ -175,7 +172,7 @@ def test_ropes_have_their_mass_where_they_have_slid():
     inertia = np.diag(0.5 * (part[:-1] + part[1:]))
     stiffness = np.asarray(jc.stiffness.tangent_stiffness(structure, solution))
     expected = np.sort(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)))
-    found = frequencies(structure, solution, 2, masses=0.0).squared
+    found = modes(structure, solution, 2, masses=0.0).squared
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -206,10 +203,10 @@ def test_modes_within_catenaries_are_not_passed_over_in_silence():
     own = np.sqrt(float(solution.tension["guys"][0]) / (20.0 / 9.80665)) / 2 / np.hypot(20, 10)
     words = rf"catenary [01] of elements\['guys'\] vibrates within its span at about {own:.2f} Hz"
     with pytest.warns(jc.InputWarning, match=words):
-        found = frequencies(structure, solution, n=1)
+        found = modes(structure, solution, n=1)
     assert 1.0 < own < 1.5 < float(found.frequency[0])
     with pytest.raises(ValueError, match="no node that is free to move has mass; catenaries have"):
-        frequencies(structure, solution, fixed=np.ones((4, 3), bool))
+        modes(structure, solution, fixed=np.ones((4, 3), bool))
     with pytest.raises(
         ValueError, match="reference: missing; loads change the stiffness of catenaries"
     ):
@@ -223,37 +220,15 @@ def test_loads_that_follow_without_a_potential_are_refused():
     pressed = jc.Phase(loads=jc.FacePressure([[0, 3, 4]], 60.0))
     solution = converged(jc.solve(structure, pressed))
     with pytest.raises(ValueError, match="state: follower loads or nodal moments make"):
-        frequencies(structure, solution, masses=1.0)
+        modes(structure, solution, masses=1.0)
 
     def slowest(pressure):
         load = jc.FacePressure([[0, 3, 4]], pressure)
         state = jc.solve(structure, jc.Phase(loads=load))
-        return frequencies(structure, state, masses=jnp.ones(5)).squared
+        return modes(structure, state, masses=jnp.ones(5)).squared
 
     assert np.isnan(traced(slowest)(60.0)).all()
     assert not np.isnan(traced(slowest)(0.0)).any()
-
-
-@functools.cache
-def net():
-    structure, phases = jc.scenes.flat_net(increments=(1, 1))
-    solution = converged(jc.solve(structure, phases))
-    return structure, solution
-
-
-def test_flexibility_against_a_small_load():
-    structure, solution = net()
-    matrix = flexibility(structure, solution, [3, 0, 4], axes="xz")
-    assert matrix.shape == (6, 6) and np.allclose(matrix, matrix.T, rtol=1e-12, atol=1e-18)
-    assert (np.asarray(matrix)[2:4] == 0).all()  # node 0 is an anchor
-
-    def moved(force):
-        load = jc.NodalLoads([3], force * jnp.array([1.0, 0, 0]))
-        end = converged(jc.solve(structure, [jc.Phase(loads=load)], start=solution))
-        return end.positions[jnp.array([3, 4])][:, jnp.array([0, 2])].ravel()
-
-    column = (moved(1e-2) - moved(-1e-2)) / 2e-2
-    assert np.allclose(column, np.asarray(matrix)[[0, 1, 4, 5], 0], rtol=1e-7, atol=1e-14)
 
 
 def test_masses_whose_weight_was_a_load():
@@ -267,8 +242,8 @@ def test_masses_whose_weight_was_a_load():
     structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], rope, jc.pinned([0]))
     bobs = [jc.PointMasses([1], 0.5), jc.PointMasses([1], 1.5)]
     solution = converged(jc.solve(structure, jc.Phase(pretension=2 * gravity, loads=bobs)))
-    found = jc.stiffness.natural_frequencies(structure, solution, n=2, masses=bobs)
+    found = modes(structure, solution, n=2, masses=bobs)
     assert np.asarray(found.frequency) == pytest.approx(0.5, rel=1e-5)
     with pytest.warns(jc.InputWarning, match="nodal loads of 19.61 N downwards have no mass here"):
-        jc.stiffness.natural_frequencies(structure, solution, n=2)
-    jc.stiffness.natural_frequencies(structure, solution, n=2, masses=0.0)  # silent
+        modes(structure, solution, n=2)
+    modes(structure, solution, n=2, masses=0.0)  # silent

@@ -1,0 +1,145 @@
+"""Stiffness and mass of a loaded state on one pattern, with the masses at nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.rules import nan_if_broken, not_negative
+from ..common.tree import Indices, pytree
+from ..common.types import Array, ArrayLike, Bool, Float
+from ..loads.masses import PointMasses
+from ..mechanics.assembly import System
+from ..mechanics.bundles import Bundles
+from ..mechanics.restart_state import make_system
+from ..model.structure import Structure
+from ..spaces.dof_map import make_dof_map
+from ..spaces.space import MatrixPart, Motion
+from ..stiffness.tangent import merge_solution_state, split_solution_state
+
+# Unknowns up to which matrices are dense: a pattern and its analysis would take longer.
+_DENSE_UNKNOWNS = 300
+
+Masses: TypeAlias = (
+    "Float[ArrayLike, ' n_node'] | Float[ArrayLike, ''] | PointMasses | Sequence[PointMasses]"
+)
+
+
+@pytree(kw_only=True)
+class MassiveSystem(System):
+    """A system with masses at nodes beside those of elements, for matrices at rest.
+
+    Attributes:
+        nodal_mass: at every node, [n_node], kg.
+    """
+
+    nodal_mass: Float[Array, " n_node"]
+
+    def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
+        """Return the load stiffness, and zeros where the masses of nodes have their places."""
+        return self._with_nodal_part(super().external_stiffness_parts(x), 0.0, x)
+
+    def external_mass_parts(self, x: Motion) -> list[MatrixPart]:
+        """Return the masses of nodes, kg, beside zeros in the shapes of the load stiffness."""
+        parts = super().external_mass_parts(x)
+        del parts[self._place_of_nodal_part(parts)]
+        return self._with_nodal_part(parts, 1.0, x)
+
+    def _with_nodal_part(self, parts, factor, x):
+        """Return matrix parts with that of nodal masses, times `factor`, at its place."""
+        blocks = factor * self.nodal_mass[:, None, None] * jnp.eye(3, dtype=x.dtype)[None]
+        nodes = jnp.arange(len(self.nodal_mass))[:, None]
+        own = self.space.transform_to_unknowns(blocks, nodes, 3, (), x)
+        at = len(parts) - int(self.space.rotates)
+        return [*parts[:at], own, *parts[at:]]
+
+    def _place_of_nodal_part(self, parts):
+        """Return the index of the nodal masses: before the term of moments on rotating nodes."""
+        return len(parts) - 1 - int(self.space.rotates)
+
+
+def split_for_modes(
+    structure: Structure,
+    state: Solution | State,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None,
+    linear_solver: str | None,
+) -> tuple[Any, list[np.ndarray], Any]:
+    """Split a state as `split_solution_state` does, with a pattern for masses if it is large.
+
+    Args:
+        structure, state, fixed: as for `modes`.
+        linear_solver: name of the solver that the pattern is made for; None to choose by size, and
+            dense matrices if it is small.
+    """
+    groups = structure.motion_rows()[1]
+    last = state.last if isinstance(state, Solution) else state
+
+    def number(fixed, rows):
+        plain = make_dof_map(fixed, rows, rigid=structure.rigid)
+        small = linear_solver is None and len(plain.free) <= _DENSE_UNKNOWNS
+        if small or linear_solver == "dense":
+            return plain
+        followers = [stack for stack in last.restart.loads if stack.follows]
+        sizes = tuple(len(group.links) for group in groups)
+        alone = Bundles(tuple((k,) for k in range(len(groups))), sizes)
+        links = [(group.links, group.n_freedom, group.inner_unknowns) for group in groups]
+        links += [(at, 3, ()) for stack in followers for at in stack.coupled_nodes(groups, alone)]
+        links.append((Indices(np.arange(structure.n_node)[:, None]), 3, ()))
+        space = structure.space
+        symmetric = space.symmetric and not followers and all(g.symmetric for g in groups)
+        settings = linear_solver, symmetric, structure.rigid, space
+        return make_dof_map(fixed, rows, tuple(links), *settings)
+
+    return split_solution_state(structure, state, fixed, number=number)
+
+
+def make_massive_system(
+    split: Any, masses: Float[Array, " n_node"]
+) -> tuple[MassiveSystem, Motion]:
+    """Return the `MassiveSystem` of a split state, with `masses` at its nodes, and its motion."""
+    without_indices, index_arrays, dof_map = split
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
+    masses = jnp.asarray(masses, nodes.dtype)
+    return MassiveSystem(**vars(system), nodal_mass=masses), restart.motion
+
+
+def translations_of_unknowns(system: System) -> Float[Array, "n_free 3"]:
+    """Return the unknowns when all free nodes move by 1 m along x, y and z without rotation, m.
+
+    They are the influence vectors of a ground that moves, [n_free, 3].
+    """
+    dof_map, n_row = system.dof_map, len(system.nodes)
+    eye = jnp.eye(3, dtype=system.nodes.dtype)
+    axes = eye if dof_map.axes is None else jnp.asarray(dof_map.axes)
+    along = jnp.broadcast_to(axes, (n_row, 3, 3))
+    if dof_map.inner is not None:  # internal unknowns of elements are no displacements
+        along = jnp.where(jnp.asarray(dof_map.inner)[:, None, None], 0.0, along)
+    rotations = jnp.zeros((n_row, system.space.n_freedom - 3, 3), along.dtype)
+    return jnp.concatenate([along, rotations], axis=1).reshape(-1, 3)[dof_map.free]
+
+
+def nodal_masses(structure: Structure, masses: Any) -> Float[ArrayLike, " n_node"]:
+    """Return the argument `masses` of `modes` as an array [n_node], kg; zeros for None.
+
+    Raises:
+        ValueError: wrong shapes, negative masses, something else in a list of `PointMasses`.
+    """
+    if masses is None:
+        return np.zeros(structure.n_node)
+    several = masses if isinstance(masses, list | tuple) else [masses]
+    if any(isinstance(one, PointMasses) for one in several):
+        for k, one in enumerate(several):
+            if not isinstance(one, PointMasses):
+                raise ValueError(f"masses[{k}]: expected PointMasses, got {type(one).__name__}")
+            one.check(structure)
+        return sum(one.nodal_masses(structure.n_node) for one in several)
+    hint = "; one mass for each node, one for all, or PointMasses"
+    masses = checks.floats_of_shape(masses, "masses", (), (structure.n_node,), hint=hint)
+    masses = checks.numpy_or_jax(masses).broadcast_to(masses, structure.n_node)
+    return nan_if_broken(not_negative("masses", masses))

@@ -1,0 +1,90 @@
+"""Warnings of natural modes: weights without mass, modes within spans, nodes left out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.types import ArrayLike, Bool, Float
+from ..elements.abilities import Hanging
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.restart_state import make_system
+from ..model.structure import Structure
+from ..stiffness.tangent import merge_solution_state
+
+
+def warn_of_loose_nodes(loose: Bool[ArrayLike, " n_node"]) -> None:
+    """Warn of nodes without stiffness, [n_node] bool, which modes leave out; not while traced."""
+    known = checks.array_if_known(loose)
+    if known is None or not known.any():
+        return
+    number = int(known.sum())
+    nodes = "node is" if number == 1 else "nodes are"
+    checks.warn_user(
+        f"state: {number} {nodes} held by slack cables only, such as node {int(known.argmax())}, "
+        "and left out of all modes: without stiffness they have no vibration; tighten these "
+        "cables, or hold the nodes by `fixed`"
+    )
+
+
+def warn_of_weights_without_mass(structure: Structure, state: Solution | State) -> None:
+    """Warn if downward nodal loads of a state, which have no mass, are more than its weights."""
+    restart = (state.last if isinstance(state, Solution) else state).restart
+    weights = [
+        group.weights(own)
+        for group, own in zip(structure.groups, restart.states, strict=True)
+        if group.weight is not None
+    ]
+    known: list[Any] = [checks.array_if_known(x) for x in (restart.nodal_load, *weights)]
+    if any(x is None for x in known):
+        return
+    down = -np.minimum(known[0][: structure.n_node, 2], 0.0).sum()
+    weight = sum(float(np.sum(x)) for x in known[1:])
+    if down > weight > 0:
+        checks.warn_user(
+            f"masses: nodal loads of {down:.4g} N downwards have no mass here, elements weigh "
+            f"{weight:.4g} N; give masses=..., such as the PointMasses of the analysis, or "
+            "masses=0.0 if these loads are no weights"
+        )
+
+
+def warn_of_modes_within_spans(
+    structure: Structure, split: Any, gravity: ArrayLike, frequency: Float[ArrayLike, " n"]
+) -> None:
+    """Warn if a catenary vibrates within its span more slowly than one of the frequencies, Hz.
+
+    Nothing happens while they are traced. The state is `split` as by `split_for_modes`; weights are
+    divided by `gravity`, m/s2.
+    """
+    known = checks.array_if_known(frequency)
+    if known is None or not any(isinstance(group, Hanging) for group in structure.groups):
+        return
+    highest = np.nanmax(np.append(known, -np.inf))
+    nodes, groups, restart = merge_solution_state(*split[:2])
+    no_unknowns: Any = None
+    named = structure.named_groups()
+    for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
+        where = named[number][0]
+        if not isinstance(group, Hanging) or group.weight is None:
+            continue
+        system = make_system(nodes, groups, restart, None, no_unknowns)
+        tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)
+        # first frequency of a taut string with the mass of the catenary: exact across a shallow one
+        mass = group.weights(state) / gravity
+        mass = jnp.where(mass > 0, mass, jnp.nan)
+        found = checks.array_if_known(jnp.sqrt(tension / mass / state.rest_length) / 2)
+        if found is None:
+            return
+        slow = np.flatnonzero(found < highest)
+        if len(slow):
+            k = int(slow[np.argmin(found[slow])])
+            checks.warn_user(
+                f"structure: catenary {k} of elements{where} vibrates within its span at about "
+                f"{found[k]:.3g} Hz, slower than a mode that is returned "
+                f"({highest:.3g} Hz); modes within a span are not found: use a chain of Cables, or "
+                "ask for fewer modes"
+            )
