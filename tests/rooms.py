@@ -18,7 +18,7 @@ WINGS = {
     "without structures": ["common", "programs", "linear", "numerics"],
     "physics": ["materials", "sections", "spaces", "elements", "model", "loads", "mechanics"],
     "solving": ["equilibrium", "analysis", "paths"],
-    "states": ["stiffness", "results"],
+    "states": ["stiffness", "results", "dynamics"],
     "forms": ["forms"],
     "scenes": ["scenes"],
     "design": ["standards", "design", "studies", "reliability"],
