@@ -24,6 +24,7 @@ from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before 
 from . import (
     catalogue,
     design,
+    dynamics,
     extend,
     files,
     forms,
@@ -146,6 +147,7 @@ __all__ = [
     "combine",
     "describe",
     "design",
+    "dynamics",
     "energy_balance",
     "evaluation",
     "extend",

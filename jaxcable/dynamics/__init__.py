@@ -1,1 +1,15 @@
 """Motion about and from a loaded state: natural modes, response in time, wind."""
+
+from .damping import Dashpots, ModalDamping, Rayleigh
+from .energy_balance import EnergyBalance
+from .transient import Removal, Transient, transient
+
+__all__ = [
+    "Dashpots",
+    "EnergyBalance",
+    "ModalDamping",
+    "Rayleigh",
+    "Removal",
+    "Transient",
+    "transient",
+]

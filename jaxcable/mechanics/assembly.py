@@ -297,13 +297,21 @@ class System(Elementwise):
 
         A sparse pattern needs places for them: give `make_dof_map` their `links` after the groups'.
         """
+        following = self.following_stiffness_parts(x)
+        return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
+
+    def following_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
+        """Return minus the derivative of the following loads by a step, in `MatrixPart`s."""
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
-        following = [
+        return [
             self.space.transform_to_unknowns(-blocks, links, 3, (), x)
             for follower in self.followers or ()
             for blocks, links in follower.following_blocks(*arguments)
         ]
-        return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
+
+    def largest_load(self) -> Float[Array, ""]:
+        """Return the largest dead load on a node (row), N: a scale of forces."""
+        return jnp.max(self.space.force_norm(self.load))
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Assemble the secant stiffness between two motions, a matrix like `tangent`, N/m."""

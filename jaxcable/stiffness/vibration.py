@@ -151,7 +151,7 @@ def natural_frequencies(
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
     gravity = nan_if_broken(positive("gravity", gravity))
     if masses is not None:
-        masses = _nodal_masses(structure, masses)
+        masses = nodal_masses(structure, masses)
     require_symmetric_elements(structure, "natural_frequencies")
     without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
     if masses is None:
@@ -182,7 +182,7 @@ def natural_frequencies(
     return found
 
 
-def _nodal_masses(structure, masses):
+def nodal_masses(structure, masses):
     """Return the argument `masses` of `natural_frequencies` as an array [n_node], kg."""
     several = masses if isinstance(masses, list | tuple) else [masses]
     if any(isinstance(one, PointMasses) for one in several):

@@ -1,0 +1,5 @@
+from .inertial_system import InertialSystem
+
+
+class ConservingSystem(InertialSystem):
+    pass
