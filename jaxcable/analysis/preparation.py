@@ -93,6 +93,7 @@ def prepare(
     earlier: int = 0,
     to_end: bool = False,
     coupled: tuple[Any, ...] = (),
+    symmetric: bool = True,
 ) -> PreparedAnalysis:
     """Check the arguments of an analysis, and separate topology from numbers.
 
@@ -102,6 +103,7 @@ def prepare(
         to_end: whether only equilibria are sought: then the tangent of a net is never indefinite.
         coupled: unknowns that further forces, such as inertia, couple: triples like those of
             `make_dof_map`, for places in the sparsity pattern.
+        symmetric: whether the tangent is symmetric if elements and loads are.
 
     Returns:
         `PreparedAnalysis`.
@@ -129,7 +131,7 @@ def prepare(
     refuse_secant_with_followers(method, phases, followed, earlier)
     bundled = bundles.join_groups(groups)
     convex = to_end and isinstance(method, Newton) and _is_always_convex(bundled, everything)
-    settings = everything, bundled, bundles, convex, coupled
+    settings = everything, bundled, bundles, convex, (coupled, symmetric)
     numbered = _numbering_function(structure, method, *settings)
     presence = make_activation(
         structure, phases, None if restart is None else restart.states, earlier
@@ -216,8 +218,9 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex, furt
     """Return a function from `FixedDofs` to the `DofMap` that numbers the unknowns.
 
     `stacks` are all element loads, `groups` are joined to `bundles`; `convex` says whether the
-    tangent is never indefinite; `further` are the `coupled` unknowns of `prepare`.
+    tangent is never indefinite; `further` are `coupled` and `symmetric` of `prepare`.
     """
+    further, all_symmetric = further
     (rows, _), space = structure.motion_rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     links = tuple((group.links, group.n_freedom, group.inner_unknowns) for group in groups)
@@ -227,6 +230,7 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex, furt
 
     straight = are_loops_fused() and not space.rotates and not further
     symmetric = space.symmetric and not followers and all(group.symmetric for group in groups)
+    symmetric = symmetric and all_symmetric
 
     def number(fixed):
         paired = tuple(straight and group.paired and fixed.axes is None for group in groups)

@@ -108,6 +108,10 @@ class TimeStep:
         acceleration = (mixed - own.alpha_f * begin.acceleration) / (1 - own.alpha_f)
         return MotionState(x, begin.velocity + h * change, acceleration, lagging)
 
+    def balanced_state(self, space: Space, x: Motion) -> MotionState:
+        """Return the `MotionState` at which forces are in balance: that at the end of the step."""
+        return self.end_state(space, x)
+
     def predicted_motion(self, space: Space) -> Motion:
         """Return the motion at the end of the step if the acceleration stays, of all rows."""
         begin, h = self.begin, self.duration

@@ -107,8 +107,13 @@ class InertialSystem(System):
     step: TimeStep
 
     @classmethod
-    def from_system(cls, system: System, inertia: Inertia, step: TimeStep) -> InertialSystem:
-        """Return a system under the same loads with inertia and damping."""
+    def from_system(
+        cls, system: System, inertia: Inertia, step: TimeStep, load_before: Forces | None = None
+    ) -> InertialSystem:
+        """Return a system under the same loads with inertia and damping.
+
+        `load_before` are the loads at the start of the step, for schemes that need them.
+        """
         given = {field.name: getattr(system, field.name) for field in dataclasses.fields(System)}
         return cls(**given, inertia=inertia, step=step)
 
@@ -116,8 +121,8 @@ class InertialSystem(System):
 
     def inertia_and_damping(self, x: Motion) -> Forces:
         """Return the resistance of masses and dampers on all rows, N and N m, at motion `x`."""
-        end = self.step.end_state(self.space, x)
-        return self.inertia_force(end) + self.damping_force(end)
+        state = self.step.balanced_state(self.space, x)
+        return self.inertia_force(state) + self.damping_force(state)
 
     def inertia_force(self, state: MotionState) -> Forces:
         """Return mass times acceleration of all rows, [n_row, n_freedom], N and N m."""
@@ -167,10 +172,6 @@ class InertialSystem(System):
         if row_step is not None:
             against = self.space.conjugate_loads(against, row_step)
         return super().external_force(x, row_step) - against
-
-    def applied_force(self, x: Motion) -> Forces:
-        """Return dead and following loads on all rows, without inertia and damping, N and N m."""
-        return super().external_force(x)
 
     def largest_load(self) -> Float[Array, ""]:
         """Return the largest load or inertia force on a row, N: a scale of forces."""
@@ -348,21 +349,24 @@ def _times_slopes(blocks, slopes, width):
     return found.reshape(blocks.shape)
 
 
-def initial_acceleration(system: InertialSystem, state: MotionState) -> Rates:
-    """Return the accelerations that balance the forces at a motion and velocity, of all rows.
+def initial_acceleration(
+    bare: System, system: InertialSystem, state: MotionState
+) -> tuple[Forces, Forces]:
+    """Return the accelerations that balance the forces at a motion and velocity, and the loads.
+
+    Both are those of all rows along x, y, z, [n_row, n_freedom].
 
     Args:
+        bare: the `System` without inertia.
         system: the `InertialSystem` under the loads of this time; its step is of no meaning.
         state: `MotionState` with zero accelerations.
     """
     x = state.motion
-    internal = system.results_by_name(x, "end_forces")["end_forces"]
-    ends = [system.space.pad_moments(force) for force in internal]
-    force = system.applied_force(x) - system.sum_at_rows(ends)
+    force = -bare.unbalanced(x)
     force = force - system.inertia_force(state) - system.damping_force(state)
     matrix = system.mass(x)
     massless = linear.diagonal(matrix) <= 0
     matrix = linear.hold_unknowns(matrix, massless)
     rhs = jnp.where(massless, 0.0, system.space.restrict(force, x))
     found = linear.factorize(matrix).solve(rhs, lambda v: matrix @ v)
-    return system.space.prolong(x, found)
+    return system.space.prolong(x, found), bare.external_force(x)

@@ -65,8 +65,7 @@ class StepSettings(NamedTuple):
         duration: duration of a step, s.
         method: `Newton`.
         halvings: how often a step that fails may be halved.
-        make_system: class method that makes the system of a step, from a system without inertia,
-            `Inertia` and `TimeStep`.
+        make_system: function that makes the system of a step, as `InertialSystem.from_system`.
     """
 
     inertia: Inertia
@@ -74,7 +73,7 @@ class StepSettings(NamedTuple):
     duration: Float[Array, ""]
     method: Newton
     halvings: int
-    make_system: Callable[[System, Inertia, TimeStep], InertialSystem]
+    make_system: Callable[..., InertialSystem]
 
 
 def begin_motion(
@@ -92,10 +91,11 @@ def begin_motion(
     zero = jnp.zeros_like(velocity)
     at_rest = MotionState(x, to_body_axes(x, velocity), zero, zero)
     step = TimeStep(at_rest, jnp.ones((), x.dtype), settings.numbers)
-    own = InertialSystem.from_system(system, settings.inertia, step)
-    acceleration = to_body_axes(x, initial_acceleration(own, at_rest))
+    own = settings.make_system(system, settings.inertia, step)
+    found, load = initial_acceleration(system, own, at_rest)
+    acceleration = to_body_axes(x, found)
     state = copy_with(at_rest, acceleration=acceleration, lagging=acceleration)
-    forces = own.applied_force(x), own.damping_force(state)
+    forces = load, own.damping_force(state)
     memory = [s.memory for s in system.states] if system.has_memory else None
     energy = EnergyBalance.initial(own, state)
     factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
@@ -148,7 +148,8 @@ def _advance_once(running, system_at, here, settings, duration):
     begin, memory, good = running.state, running.memory, running.code == status.OK
     bare = system_at(here, memory)
     step = TimeStep(begin, duration, settings.numbers)
-    system = settings.make_system(bare, settings.inertia, step)
+    system = settings.make_system(bare, settings.inertia, step, running.forces[0])
+    step = system.step
     space, method = system.space, settings.method
     predicted = lax.stop_gradient(step.predicted_motion(space))
     guess = system.impose_supports(predicted)
@@ -158,9 +159,8 @@ def _advance_once(running, system_at, here, settings, duration):
     given = lax.stop_gradient(factored), *adjoint_cg_settings(method, system, guess.dtype)
     sound = implicit.stop_gradient_unless(ok, system)
     x = implicit.attach_derivative_with_marks(sound, outcome.x, ok, *given)[0]
-    end = step.end_state(space, x)
-    moved = copy_with(end, velocity=end.velocity, motion=x)
-    forces = system.applied_force(x), system.damping_force(moved)
+    moved = step.end_state(space, x)
+    forces = bare.external_force(x), system.damping_force(moved)
     energy = running.energy.after_step(system, (begin, moved), running.forces, forces)
     if memory is not None:
         memory = bare.commit_memory(x, duration=duration)

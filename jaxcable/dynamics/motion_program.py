@@ -236,10 +236,13 @@ class _MotionModel:
         inertia = Inertia(masses, nodal, rotary, damping, nodal_damping, [])
         momentum = functools.partial(_momentum, bare, inertia, self.plan.n_node)
 
-        def make_system(system, inertia, step):
-            kind = ConservingSystem if self.plan.conserves else InertialSystem
+        def make_system(system, inertia, step, load_before=None):
+            # a state alone, without a step to it, has no other forces
+            conserves = self.plan.conserves and load_before is not None
+            kind = ConservingSystem if conserves else InertialSystem
             dampers = self._dampers(system, step, momentum)
-            return kind.from_system(system, copy_with(inertia, dampers=dampers), step)
+            own = copy_with(inertia, dampers=dampers)
+            return kind.from_system(system, own, step, load_before)
 
         numbers = AlphaNumbers.from_spectral_radius(self.data.radius)
         return StepSettings(
@@ -303,7 +306,7 @@ class _MotionModel:
             output = system.results_by_name(x, *wanted, "end_forces")
             if "reactions" in plan.histories:
                 step = TimeStep(state, settings.duration, settings.numbers)
-                own = InertialSystem.from_system(system, settings.inertia, step)
+                own = settings.make_system(system, settings.inertia, step)
                 force = own.inertia_force(state) + own.damping_force(state)
                 bare = system.unbalanced(x, output["end_forces"]) + force
                 values["reactions"] = _sum_of_nodes(

@@ -23,6 +23,7 @@ from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..loads.varying import Varying
 from ..model.structure import Structure
 from ..stiffness.vibration import nodal_masses
+from .conserving_system import require_conserving
 from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
 from .energy_balance import EnergyBalance
 from .motion_program import NODAL_HISTORIES, MotionData, MotionPlan, compute_motion
@@ -152,7 +153,11 @@ def transient(
     kept, forces = _split_loads(loads, structure, times)
     phase = Phase(loads=kept or None, increments=steps)
     coupled = coupled_rows(structure, dampings)
-    task = prepare(structure, phase, method, start, to_end=True, coupled=coupled)
+    conserves = scheme == "energy-momentum"
+    if conserves:
+        require_conserving(structure, kept, start)
+    options = {"to_end": True, "coupled": coupled, "symmetric": not conserves}
+    task = prepare(structure, phase, method, start, **options)
     wide = (count, 6) if structure.space.rotates else (count, 3)
     if velocity is not None:
         velocity = checks.floats_of_shape(velocity, "velocity", (count, 3), wide)
@@ -185,7 +190,7 @@ def transient(
         n_node=count,
         distribution=distribution,
         halvings=halvings,
-        conserves=scheme == "energy-momentum",
+        conserves=conserves,
     )
     found = compute_motion(
         task.without_indices, task.arrays, task.method, task.code, data, plan=plan

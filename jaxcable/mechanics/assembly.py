@@ -392,6 +392,11 @@ class System(Elementwise):
         return jnp.all(jnp.stack([~self.has_following_loads, *still]))
 
     @property
+    def predicts_axial_forces(self) -> bool:
+        """Whether steps of the iteration may predict axial forces, as those at one motion."""
+        return True
+
+    @property
     def _sliding_loads(self) -> list[Float[Array, "n_elem 3"]]:
         """Loads that slide along elements (ropes on pulleys), a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
