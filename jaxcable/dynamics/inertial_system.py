@@ -22,6 +22,10 @@ from ..spaces.space import Forces, MatrixPart, Motion
 from ..spaces.translations import drop_low_part
 from .generalized_alpha import MotionState, Rates, TimeStep, to_space_axes
 
+# change of the velocity in a step, over the velocity, whose inertia counts as a force: tolerances
+# then leave 1e-13 of the velocity, which rounding leaves, too
+_SPEED_CHANGE = 1e-3
+
 
 @pytree
 class RowMatrices:
@@ -101,10 +105,13 @@ class InertialSystem(System):
     Attributes:
         inertia: `Inertia`.
         step: `TimeStep`.
+        least_scale: least force that tolerances refer to, N: loads and inertia cancel each other
+            where parts fly freely.
     """
 
     inertia: Inertia
     step: TimeStep
+    least_scale: Float[Array, ""]
 
     @classmethod
     def from_system(
@@ -115,7 +122,11 @@ class InertialSystem(System):
         `load_before` are the loads at the start of the step, for schemes that need them.
         """
         given = {field.name: getattr(system, field.name) for field in dataclasses.fields(System)}
-        return cls(**given, inertia=inertia, step=step)
+        begin, mass = step.begin, inertia.row_masses(system)[:, :3]
+        force = jnp.abs(system.load[:, :3]) + mass * jnp.abs(begin.acceleration[:, :3])
+        force = force + _SPEED_CHANGE * mass * jnp.abs(begin.velocity[:, :3]) / step.duration
+        least = jnp.max(force, initial=0.0)
+        return cls(**given, inertia=inertia, step=step, least_scale=least)
 
     # --- forces
 
@@ -172,6 +183,10 @@ class InertialSystem(System):
         if row_step is not None:
             against = self.space.conjugate_loads(against, row_step)
         return super().external_force(x, row_step) - against
+
+    def force_scale(self, sizes: Float[Array, " n_row"]) -> Float[Array, ""]:
+        """Return the force that tolerances refer to, N, as `System.force_scale`."""
+        return jnp.maximum(jnp.max(sizes), self.least_scale)
 
     def largest_load(self) -> Float[Array, ""]:
         """Return the largest load or inertia force on a row, N: a scale of forces."""

@@ -195,8 +195,15 @@ class System(Elementwise):
         This scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
         (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
-        scale = jnp.max(size + self.space.force_norm(load))
+        scale = self.force_scale(size + self.space.force_norm(load))
         return self.space.restrict(force - load, x), scale
+
+    def force_scale(self, sizes: Float[Array, " n_row"]) -> Float[Array, ""]:
+        """Return the force that tolerances refer to, N: the largest of all rows, [n_row], N.
+
+        `sizes` are sums of absolute end forces plus the load.
+        """
+        return jnp.max(sizes)
 
     @property
     def estimates_rounding(self) -> bool:
