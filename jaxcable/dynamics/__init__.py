@@ -2,7 +2,8 @@
 
 from .damping import Dashpots, ModalDamping, Rayleigh
 from .energy_balance import EnergyBalance
-from .transient import Removal, Transient, transient
+from .response import Transient
+from .transient import Removal, transient
 
 __all__ = [
     "Dashpots",

@@ -90,7 +90,7 @@ class ConservingSystem(InertialSystem):
         return [forces, [None] * len(forces)]
 
     def tangents(self, motion: Motion, known: PerGroup | None = None) -> list[Array]:
-        """Return derivatives of end forces of the step by its end, per group [n_elem, 6, 6], N/m."""
+        """Return derivatives of end forces by the end of the step, per group [n_elem, 6, 6]."""
         return [
             blocks.reshape(len(blocks), 6, 6)
             for blocks in self._each_element(_force_and_slope, motion)

@@ -231,9 +231,10 @@ def rayleigh_matrices(
     given = [one for one in dampings if isinstance(one, Rayleigh)]
     if not given:
         return None, None
-    by_mass, by_stiffness = (sum(jnp.asarray(v) for v in values) for values in zip(
-        *((one.mass, one.stiffness) for one in given), strict=True
-    ))
+    by_mass, by_stiffness = (
+        sum(jnp.asarray(v) for v in values)
+        for values in zip(*((one.mass, one.stiffness) for one in given), strict=True)
+    )
     found = []
     for group, mass, tangent in zip(system.groups, masses, system.tangents(x), strict=True):
         n_end = mass.shape[1] // 3
@@ -252,4 +253,6 @@ def modal_matrix(one: ModalDamping, momentum: Float[Array, "n n_node 3"]) -> Row
     modal_mass = jnp.sum(one.shapes * momentum, axis=(1, 2))
     factor = 4 * jnp.pi * jnp.broadcast_to(one.ratios, count) * one.frequency / modal_mass
     flat = momentum.reshape(count, -1)
-    return RowMatrices(jnp.arange(n_node)[None], jnp.einsum("k,ki,kj->ij", factor, flat, flat)[None])
+    return RowMatrices(
+        jnp.arange(n_node)[None], jnp.einsum("k,ki,kj->ij", factor, flat, flat)[None]
+    )

@@ -66,7 +66,8 @@ class EnergyBalance:
             before, after: loads and damping forces on rows at both ends, N and N m.
         """
         begin, end = ends
-        moved = to_space_axes(end.motion, body_displacement(system.space, begin.motion, end.motion))
+        space, at = system.space, (begin.motion, end.motion)
+        moved = to_space_axes(space, end.motion, body_displacement(space, *at))
         works = [0.5 * jnp.sum((a + b) * moved) for a, b in zip(before, after, strict=True)]
         kinetic, stored = kinetic_energy(system, end), system.stored_energy(end.motion)
         work, dissipated = self.work + works[0], self.dissipated + works[1]

@@ -116,7 +116,7 @@ class TimeStep:
         """Return the motion at the end of the step if the acceleration stays, of all rows."""
         begin, h = self.begin, self.duration
         step = h * begin.velocity + 0.5 * h**2 * begin.lagging
-        return space.motion_after_row_step(begin.motion, to_space_axes(begin.motion, step))
+        return space.motion_after_row_step(begin.motion, to_space_axes(space, begin.motion, step))
 
 
 def body_displacement(space: Space, before: Motion, after: Motion) -> Forces:
@@ -125,24 +125,22 @@ def body_displacement(space: Space, before: Motion, after: Motion) -> Forces:
     The rotation vector is the same in the axes before and after, because it is their axis of
     rotation.
     """
-    moved = space.displacement_between(before, after)
-    if not space.rotates:
-        return moved
-    turned = jax.vmap(lambda q, v: rotate(invert(q), v))(before[:, 3:], moved[:, 3:])
-    return jnp.concatenate([moved[:, :3], turned], axis=1)
+    return to_body_axes(space, before, space.displacement_between(before, after))
 
 
-def to_space_axes(motion: Motion, rates: Rates) -> Forces:
+def to_space_axes(space: Space, motion: Motion, rates: Rates) -> Forces:
     """Return rates of rows with those of rotations turned from the axes of nodes to x, y, z."""
-    if rates.shape[1] == 3:
-        return rates
-    turned = jax.vmap(rotate)(motion[:, 3:], rates[:, 3:])
-    return jnp.concatenate([rates[:, :3], turned], axis=1)
+    rotations = space.rotations(motion)
+    return rates if rotations is None else _turn_spins(rotations, rates)
 
 
-def to_body_axes(motion: Motion, rates: Forces) -> Rates:
+def to_body_axes(space: Space, motion: Motion, rates: Forces) -> Rates:
     """Return rates of rows with those of rotations turned from x, y, z to the axes of nodes."""
-    if rates.shape[1] == 3:
-        return rates
-    turned = jax.vmap(lambda q, v: rotate(invert(q), v))(motion[:, 3:], rates[:, 3:])
+    rotations = space.rotations(motion)
+    return rates if rotations is None else _turn_spins(jax.vmap(invert)(rotations), rates)
+
+
+def _turn_spins(rotations, rates):
+    """Return rates of rows, [n_row, 6], with their last three columns rotated."""
+    turned = jax.vmap(rotate)(rotations, rates[:, 3:])
     return jnp.concatenate([rates[:, :3], turned], axis=1)

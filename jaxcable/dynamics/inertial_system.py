@@ -20,7 +20,7 @@ from ..mechanics.elementwise import PerGroup
 from ..numerics.rotations import cross, invert, move_node_by_series, rotate
 from ..spaces.space import Forces, MatrixPart, Motion
 from ..spaces.translations import drop_low_part
-from .generalized_alpha import MotionState, Rates, TimeStep, to_space_axes
+from .generalized_alpha import MotionState, TimeStep, to_space_axes
 
 # change of the velocity in a step, over the velocity, whose inertia counts as a force: tolerances
 # then leave 1e-13 of the velocity, which rounding leaves, too
@@ -152,7 +152,7 @@ class InertialSystem(System):
         own, force = self.inertia, jnp.zeros_like(state.velocity)
         if not self.is_damped:
             return force
-        rates = to_space_axes(state.motion, state.velocity)
+        rates = to_space_axes(self.space, state.motion, state.velocity)
         if own.damping is not None:
             force = force + self._products(own.damping, rates)
         if own.nodal_damping is not None:
@@ -262,9 +262,9 @@ class InertialSystem(System):
             return jnp.broadcast_to(factor * jnp.eye(3, dtype=x.dtype), (len(x), 3, 3))
 
         def velocity(spin, begin, motion):
-            moved = move_node_by_series(motion, jnp.concatenate([jnp.zeros_like(spin), spin]), order=1)
+            moved = _turned_motion(motion, spin)
             end = self.step_of_row(begin).end_state(self.space, moved[None])
-            return to_space_axes(end.motion, end.velocity)[0, 3:]
+            return to_space_axes(self.space, end.motion, end.velocity)[0, 3:]
 
         slopes = jnp.zeros((len(x), width, width), x.dtype)
         slopes = slopes.at[:, :3, :3].set(factor * jnp.eye(3, dtype=x.dtype))
@@ -277,10 +277,10 @@ class InertialSystem(System):
         return TimeStep(rows, self.step.duration, self.step.numbers)
 
     def _gyroscopic_slopes(self, x):
-        """Return derivatives of the moments of rotary inertia by the spins of rows, [n_row, 3, 3]."""
+        """Return derivatives of moments of rotary inertia by spins of rows, [n_row, 3, 3]."""
 
         def moment(spin, begin, motion, rotary):
-            moved = move_node_by_series(motion, jnp.concatenate([jnp.zeros_like(spin), spin]), order=1)
+            moved = _turned_motion(motion, spin)
             end = self.step_of_row(begin).end_state(self.space, moved[None])
             rates = end.velocity[0, 3:], end.acceleration[0, 3:]
             return _gyroscopic_moment(rotary, moved[3:], *rates)
@@ -319,6 +319,11 @@ class InertialSystem(System):
     def unsymmetric(self) -> Bool[Array, ""]:
         """Return whether the tangent is unsymmetric: gyroscopic moments are there, too."""
         return super().unsymmetric() | (self.inertia.rotary is not None)
+
+
+def _turned_motion(motion, spin):
+    """Return the motion of one row after a spin, for derivatives at a zero spin."""
+    return move_node_by_series(motion, jnp.concatenate([jnp.zeros_like(spin), spin]), order=1)
 
 
 def _gyroscopic_moment(rotary, rotation, velocity, acceleration):

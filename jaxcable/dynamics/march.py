@@ -27,7 +27,7 @@ from ..mechanics.elementwise import Memory
 from ..numerics import implicit
 from ..spaces.space import Forces
 from .energy_balance import EnergyBalance
-from .generalized_alpha import AlphaNumbers, MotionState, TimeStep, to_body_axes, to_space_axes
+from .generalized_alpha import AlphaNumbers, MotionState, TimeStep, to_body_axes
 from .inertial_system import Inertia, InertialSystem, initial_acceleration
 
 SystemAt: TypeAlias = Callable[[Any, "Memory | None"], System]
@@ -89,11 +89,11 @@ def begin_motion(
         x: motion of all rows.
     """
     zero = jnp.zeros_like(velocity)
-    at_rest = MotionState(x, to_body_axes(x, velocity), zero, zero)
+    at_rest = MotionState(x, to_body_axes(system.space, x, velocity), zero, zero)
     step = TimeStep(at_rest, jnp.ones((), x.dtype), settings.numbers)
     own = settings.make_system(system, settings.inertia, step)
     found, load = initial_acceleration(system, own, at_rest)
-    acceleration = to_body_axes(x, found)
+    acceleration = to_body_axes(system.space, x, found)
     state = copy_with(at_rest, acceleration=acceleration, lagging=acceleration)
     forces = load, own.damping_force(state)
     memory = [s.memory for s in system.states] if system.has_memory else None
@@ -205,8 +205,3 @@ def run_steps(
 
     running, found = lax.scan(block, running, (entries, live))
     return running, jax.tree.map(lambda x: x.reshape(padded, *x.shape[2:])[:count], found)
-
-
-def velocity_in_space(state: MotionState) -> tuple[Forces, Forces]:
-    """Return velocities and accelerations of all rows along x, y, z, [n_row, n_freedom]."""
-    return tuple(to_space_axes(state.motion, rates) for rates in (state.velocity, state.acceleration))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, not_negative, positive
 from ..common.tree import Indices, pytree, set_fields
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..common.types import Array, ArrayLike, Float, Int
 from ..equilibrium.newton import Newton
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
@@ -25,8 +25,9 @@ from ..model.structure import Structure
 from ..stiffness.vibration import nodal_masses
 from .conserving_system import require_conserving
 from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
-from .energy_balance import EnergyBalance
-from .motion_program import NODAL_HISTORIES, MotionData, MotionPlan, compute_motion
+from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
+from .motion_program import compute_motion
+from .response import Transient
 
 SCHEMES = "generalized-alpha", "energy-momentum"
 
@@ -39,7 +40,8 @@ class Removal:
     duration. Their masses go at once; nodes keep their velocity.
 
     Args:
-        elements: as `Phase.removes`: keys of groups, or a `Selection` or booleans [n_elem] by group.
+        elements: as `Phase.removes`: keys of groups, or a `Selection` or booleans [n_elem] by
+            group.
         time: when they are removed, s, a whole number of steps; default 0.
         duration: over which their forces end, s; default 0, at once.
 
@@ -60,60 +62,6 @@ class Removal:
         for name in ("time", "duration"):
             set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
             nan_if_broken(not_negative(name, getattr(self, name)))
-
-
-@pytree
-class Transient:
-    """A motion in time: the result of `transient`. Histories have a leading axis [steps + 1].
-
-    Everything but the status is NaN, with NaN derivatives, from the first step that fails.
-
-    Attributes:
-        status: code of the first failure, or 0; `describe` has the texts.
-        step_status: status after every step, [steps + 1].
-        parts: number of parts into which each step was divided (`halvings`), [steps + 1].
-        time: times, [steps + 1], s.
-        energy: `EnergyBalance` with arrays [steps + 1], J.
-        histories: histories by name: of nodes, "displacement" (from the initial nodes), "velocity",
-            "acceleration", "reactions" [steps + 1, n, 3 or 6] and "rotation" (unit quaternions), and
-            of elements in the shape of `elements`, each [steps + 1, n_elem, ...].
-    """
-
-    _shown: ClassVar[str] = "status, time s, histories"
-
-    status: Int[Array, ""]
-    step_status: Int[Array, " m"]
-    parts: Int[Array, " m"]
-    time: Float[Array, " m"]
-    energy: EnergyBalance
-    histories: dict[str, PyTree[Float[Array, "m ..."]]]
-
-    @property
-    def displacement(self) -> Float[Array, "m n 3"]:
-        """Displacements of the nodes from the initial ones, [steps + 1, n, 3], m."""
-        return self._history("displacement")
-
-    @property
-    def velocity(self) -> Float[Array, "m n n_freedom"]:
-        """Velocities of the nodes, [steps + 1, n, 3 or 6], m/s and rad/s."""
-        return self._history("velocity")
-
-    @property
-    def acceleration(self) -> Float[Array, "m n n_freedom"]:
-        """Accelerations of the nodes, [steps + 1, n, 3 or 6], m/s2 and rad/s2; without mass no
-        meaning."""
-        return self._history("acceleration")
-
-    @property
-    def tension(self) -> PyTree[Float[Array, "m n_elem"]]:
-        """Axial forces in the shape of `elements`, each [steps + 1, n_elem], N."""
-        return self._history("tension")
-
-    def _history(self, name):
-        """Return a history; ValueError if it was not asked for."""
-        if name not in self.histories:
-            raise ValueError(f"histories: has no {name!r}; ask for it by histories=[...]")
-        return self.histories[name]
 
 
 def transient(
@@ -137,7 +85,71 @@ def transient(
     distribution: Literal["lumped", "consistent", "mean"] | None = None,
     method: Newton | None = None,
 ) -> Transient:
-    """Compute the motion of a structure in time, step by step."""
+    """Compute the motion of a structure in time, step by step.
+
+    Every step is iterated to balance of forces, inertia and damping by the solvers of equilibrium:
+    cables go slack and taut, beams rotate as far as they do. A pure function: jit, vmap, grad and
+    jvp work on it. A gradient keeps the states of about ``2 sqrt(steps)`` steps and computes each
+    step once more.
+
+    Loads of `start` go on acting; `loads` are added to them from t = 0 on. Masses are those of the
+    weights of elements, and `masses`. Beams also have the rotary inertia of their sections.
+
+    Args:
+        structure: `Structure`.
+        loads: one or several in a list of: forces in time, [steps + 1, n_node, 3] (with rotations
+            also 6), N and N m, at the times k dt; functions of time, s, that return such forces,
+            [n_node, 3]; loads of the package, which act at once and stay, or which vary
+            (`Varying`, whose parameter is time over ``steps dt``), movements of supports included.
+
+    Options:
+        start: `Solution` or `State` from which the motion begins; default: the initial geometry.
+        dt: duration of a step, s.
+        steps: number of steps.
+        damping: `Rayleigh`, `ModalDamping` or `Dashpots`, or several in a list.
+        spectral_radius: what the scheme leaves of very fast oscillations in a step, from 0 to 1;
+            default 1: it dissipates nothing. Below 1 the noise of cables that go taut dies out.
+        scheme: "generalized-alpha", or "energy-momentum", which conserves energy, momentum and
+            angular momentum of straight cables and bars for any duration of a step.
+        masses: masses added to nodes, [n_node] or scalar, kg; or `PointMasses`.
+        velocity: velocities of the nodes at the start, [n_node, 3], with rotations also 6 (angular
+            velocities along x, y, z), m/s and rad/s.
+        base_acceleration: acceleration of the ground, [steps + 1, 3] or a function of time, m/s2;
+            displacements are then those against the ground.
+        removes: `Removal`, elements that are removed at a time, such as a cable that breaks.
+        histories: names of what is kept: "displacement", "velocity", "acceleration", "rotation"
+            (unit quaternions), "reactions", and results of elements, such as "tension".
+        nodes: nodes whose histories are kept; default: all.
+        halvings: how often a step that fails may be divided in two; the result says in how many
+            parts each step was divided (`Transient.parts`). Default 0: it fails.
+        gravity: acceleration that weights are divided by, m/s2; default 9.80665.
+        distribution: of the mass of an element: "lumped", "consistent", or "mean" of both, as is
+            None. Those of beams have the translations of their ends only, linear in between.
+        method: `Newton`, whose tolerance is that of every step.
+
+    Returns:
+        `Transient`.
+
+    Raises:
+        ValueError: wrong arguments; elements or loads that a scheme does not know; a time of
+            removal that is no whole number of steps.
+
+    Source: Chung, Hulbert, J. Appl. Mech. 60 (1993) 371; Bruels, Cardona, J. Comput. Nonlinear Dyn.
+    5 (2010) 031002.
+
+    Example:
+        A pendulum of 1 m falls from the horizontal: at the bottom its speed is ``sqrt(2 g l)``.
+
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], rope, supports=jc.pinned([0]))
+        >>> bob = jc.PointMasses([1], 2.0)
+        >>> times = {"dt": 0.005, "steps": 150, "spectral_radius": 0.8}
+        >>> wanted = ["displacement", "velocity"]
+        >>> moved = jc.dynamics.transient(structure, bob, **times, masses=bob, histories=wanted)
+        >>> speed = jnp.linalg.norm(moved.velocity[:, 1], axis=1).max()
+        >>> print(moved.status, f"{speed:.2f} m/s, {np.sqrt(2 * 9.80665):.2f}")
+        0 4.43 m/s, 4.43
+    """
     checks.require_whole_number(steps, "steps")
     checks.require_whole_number(halvings, "halvings", 0)
     checks.require_one_of(scheme, "scheme", SCHEMES)
@@ -199,9 +211,7 @@ def transient(
         name: values if name in NODAL_HISTORIES else structure.arrange(values)
         for name, values in found.histories.items()
     }
-    return Transient(
-        found.codes[-1], found.codes, found.parts, times, found.energy, arranged
-    )
+    return Transient(found.codes[-1], found.codes, found.parts, times, found.energy, arranged)
 
 
 def _split_loads(loads, structure, times):
@@ -252,9 +262,7 @@ def _checked_histories(names, structure):
     known += [result.name for group in structure.groups for result in group.results]
     for name in names:
         if name not in known:
-            raise ValueError(
-                f"histories: {name!r} is unknown{checks.suggest_names(name, known)}"
-            )
+            raise ValueError(f"histories: {name!r} is unknown{checks.suggest_names(name, known)}")
     return names
 
 
