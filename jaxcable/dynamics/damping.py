@@ -244,7 +244,7 @@ def rayleigh_matrices(
         own = jnp.pad(own, [(0, 0), (0, 0), more, (0, 0), more]).reshape(len(mass), size, size)
         found.append(by_mass * own + by_stiffness * tangent[:, :size, :size])
     which = jnp.diag(jnp.asarray([1.0] * 3 + [0.0] * (system.space.n_freedom - 3), x.dtype))
-    return found, by_mass * nodal_mass[:, None, None] * which
+    return found, by_mass * nodal_mass[:, None, None] * which[None]
 
 
 def modal_matrix(one: ModalDamping, momentum: Float[Array, "n n_node 3"]) -> RowMatrices:

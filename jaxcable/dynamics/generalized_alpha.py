@@ -112,10 +112,16 @@ class TimeStep:
         """Return the `MotionState` at which forces are in balance: that at the end of the step."""
         return self.end_state(space, x)
 
-    def predicted_motion(self, space: Space) -> Motion:
-        """Return the motion at the end of the step if the acceleration stays, of all rows."""
+    def predicted_motion(self, space: Space, farthest: Float[Array, ""]) -> Motion:
+        """Return the motion at the end of the step if the acceleration stays, of all rows.
+
+        If a row would move `farthest`, m, or more, all steps are shortened in proportion: from far,
+        an iteration may end in another equilibrium, such as a bar turned inside out.
+        """
         begin, h = self.begin, self.duration
         step = h * begin.velocity + 0.5 * h**2 * begin.lagging
+        moved = jnp.max(jnp.abs(step[:, :3]), initial=0.0)
+        step = step / jnp.maximum(moved / farthest, 1.0)
         return space.motion_after_row_step(begin.motion, to_space_axes(space, begin.motion, step))
 
 

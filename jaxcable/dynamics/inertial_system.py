@@ -190,8 +190,8 @@ class InertialSystem(System):
 
     def largest_load(self) -> Float[Array, ""]:
         """Return the largest load or inertia force on a row, N: a scale of forces."""
-        predicted = self.step.predicted_motion(self.space)
-        return jnp.max(self.space.force_norm(self.load - self.inertia_and_damping(predicted)))
+        begun = self.inertia_and_damping(self.step.begin.motion)
+        return jnp.max(self.space.force_norm(self.load - begun))
 
     # --- matrices
 
@@ -253,7 +253,7 @@ class InertialSystem(System):
         """Return masses of rows, [n_row], as matrices [n_row, n_freedom, n_freedom]."""
         width = self.space.n_freedom
         which = jnp.diag(jnp.asarray([1.0] * 3 + [0.0] * (width - 3), mass.dtype))
-        return mass[:, None, None] * which
+        return mass[:, None, None] * which[None]
 
     def _rate_slopes(self, x):
         """Return derivatives of velocities along x, y, z by a step of each row, [n_row, f, f]."""
@@ -389,4 +389,7 @@ def initial_acceleration(
     matrix = linear.hold_unknowns(matrix, massless)
     rhs = jnp.where(massless, 0.0, system.space.restrict(force, x))
     found = linear.factorize(matrix).solve(rhs, lambda v: matrix @ v)
-    return system.space.prolong(x, found), bare.external_force(x)
+    zero = jnp.zeros_like(found)
+    # the derivative: accelerations are no finite rotations of rigid links
+    rows = jax.jvp(lambda step: system.space.prolong(x, step), (zero,), (found,))[1]
+    return rows, bare.external_force(x)

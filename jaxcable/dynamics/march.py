@@ -30,6 +30,10 @@ from .energy_balance import EnergyBalance
 from .generalized_alpha import AlphaNumbers, MotionState, TimeStep, to_body_axes
 from .inertial_system import Inertia, InertialSystem, initial_acceleration
 
+# largest displacement from the start of a step to the start of its iteration, in mean lengths of
+# elements
+_FARTHEST = 0.1
+
 SystemAt: TypeAlias = Callable[[Any, "Memory | None"], System]
 """Function from the entry of a time in the histories of loads, and history variables, to a system
 without inertia."""
@@ -151,7 +155,8 @@ def _advance_once(running, system_at, here, settings, duration):
     system = settings.make_system(bare, settings.inertia, step, running.forces[0])
     step = system.step
     space, method = system.space, settings.method
-    predicted = lax.stop_gradient(step.predicted_motion(space))
+    farthest = _FARTHEST * system.length_scale()
+    predicted = lax.stop_gradient(step.predicted_motion(space, farthest))
     guess = system.impose_supports(predicted)
     outcome, factored = equilibrate(system, guess, method, good, running.factored)
     code = status.first_failure(running.code, outcome.code)

@@ -88,7 +88,7 @@ class MotionModel:
         for one in self.data.dampings:
             if isinstance(one, Dashpots):
                 if motion is None and not one.is_grounded:
-                    motion = step.predicted_motion(system.space)
+                    motion = step.predicted_motion(system.space, jnp.inf)
                 found.append(one.matrices(system.nodes, motion))
             elif isinstance(one, ModalDamping):
                 found.append(modal_matrix(one, jax.vmap(momentum)(one.shapes)))
