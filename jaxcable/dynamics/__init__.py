@@ -1,6 +1,7 @@
 """Motion about and from a loaded state: natural modes, response in time, wind."""
 
 from .damping import Dashpots, ModalDamping, Rayleigh
+from .dynamic_factors import dynamic_factors
 from .energy_balance import EnergyBalance
 from .response import Transient
 from .transient import Removal, transient
@@ -12,5 +13,6 @@ __all__ = [
     "Rayleigh",
     "Removal",
     "Transient",
+    "dynamic_factors",
     "transient",
 ]

@@ -75,6 +75,8 @@ class ConservingSystem(InertialSystem):
     Its step is a `MidpointStep`, its load the mean of those at both ends.
     """
 
+    predicts_axial_forces = False
+
     @classmethod
     def from_system(
         cls, system: System, inertia: Inertia, step: TimeStep, load_before: Forces | None = None
@@ -112,11 +114,6 @@ class ConservingSystem(InertialSystem):
             at = [a[group.links] for a in (self.nodes, self.step.begin.motion, motion)]
             found.append(map_elements_at_ends(function, group, state, at))
         return found
-
-    @property
-    def predicts_axial_forces(self) -> bool:
-        """Whether axial forces may be predicted: no, they are no forces at one motion."""
-        return False
 
     @property
     def may_be_convex(self) -> bool:

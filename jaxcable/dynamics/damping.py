@@ -89,6 +89,11 @@ class ModalDamping:
 
     Raises:
         ValueError: wrong shapes, negative ratios.
+
+    Example:
+        >>> shape = [[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]
+        >>> jc.dynamics.ModalDamping([2.0], shape, 0.01).ratios
+        array(0.01)
     """
 
     frequency: Float[ArrayLike, " n"]

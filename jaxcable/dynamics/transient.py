@@ -15,8 +15,9 @@ from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, not_negative, positive
+from ..common.selection import Selection
 from ..common.tree import Indices, pytree, set_fields
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..equilibrium.newton import Newton
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
@@ -53,7 +54,7 @@ class Removal:
         array(0.5)
     """
 
-    elements: Any
+    elements: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection]
     time: Float[ArrayLike, ""] = 0.0
     duration: Float[ArrayLike, ""] = 0.0
 

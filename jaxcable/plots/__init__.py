@@ -16,6 +16,7 @@ from .envelopes import envelope_diagram
 from .histories import history
 from .increments import increments
 from .model_pictures import model
+from .motions import motion
 from .nets import net
 from .paths import path
 from .report_pictures import for_report
@@ -33,6 +34,7 @@ __all__ = [
     "history",
     "increments",
     "model",
+    "motion",
     "net",
     "path",
     "section",
