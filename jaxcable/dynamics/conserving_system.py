@@ -31,7 +31,7 @@ from ..mechanics.assembly import System
 from ..mechanics.elementwise import PerGroup, map_elements_at_ends
 from ..model.structure import Structure
 from ..numerics.vectors import scalar_product
-from ..spaces.space import Forces, Motion, Space
+from ..spaces.space import Motion, Space
 from ..spaces.translations import drop_low_part
 from .generalized_alpha import MotionState, TimeStep
 from .inertial_system import Inertia, InertialSystem
@@ -79,7 +79,7 @@ class ConservingSystem(InertialSystem):
 
     @classmethod
     def from_system(
-        cls, system: System, inertia: Inertia, step: TimeStep, load_before: Forces | None = None
+        cls, system: System, inertia: Inertia, step: TimeStep, load_before: Any = None
     ) -> InertialSystem:
         """Return the equations of a step with a load that changes from `load_before`."""
         step = MidpointStep(step.begin, step.duration, step.numbers)

@@ -9,7 +9,7 @@ without loads.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -70,7 +70,8 @@ def _own_mass_matrices(
 ) -> Float[Array, "n_elem d d"]:
     """Return the mass matrices that elements without rotations have themselves, kg."""
     at, size = (system.nodes[group.links], x[group.links]), group.links.shape[1] - group.n_inner_row
-    found = map_elements_at_ends(_MassMatrix(distribution), group, state, at, (mass,))
+    mass_matrix: Any = _MassMatrix(distribution)
+    found = map_elements_at_ends(mass_matrix, group, state, at, (mass,))
     return found[:, : 3 * size, : 3 * size]
 
 
@@ -85,7 +86,8 @@ def rotary_inertia(
     if not system.space.rotates:
         return None
     rotary = jnp.zeros((len(system.nodes), 3, 3), x.dtype)
-    for group, state in zip(system.groups, system.states, strict=True):
+    states: list[Any] = system.states
+    for group, state in zip(system.groups, states, strict=True):
         weights = group.weights(state) if isinstance(group, Beams) else None
         if weights is None:
             continue

@@ -84,11 +84,12 @@ class MotionModel:
 
     def _dampers(self, system, step: TimeStep, momentum):
         """Return the matrices of dampers that join nodes, where the step is expected to end."""
-        found, motion = [], None
+        found: list[Any] = []
+        motion: Any = None
         for one in self.data.dampings:
             if isinstance(one, Dashpots):
                 if motion is None and not one.is_grounded:
-                    motion = step.predicted_motion(system.space, jnp.inf)
+                    motion = step.predicted_motion(system.space, jnp.asarray(jnp.inf))
                 found.append(one.matrices(system.nodes, motion))
             elif isinstance(one, ModalDamping):
                 found.append(modal_matrix(one, jax.vmap(momentum)(one.shapes)))
@@ -111,11 +112,13 @@ class MotionModel:
         self, running: Running, entry: Any, settings: StepSettings, parts: Int[Array, ""]
     ) -> MotionHistories:
         """Return what is kept of a time, `MotionHistories` without axis of time."""
-        plan, state, found = self.plan, running.state, {}
-        x, count, space = state.motion, self.plan.n_node, space_class(self.ramp.groups)
+        plan, state = self.plan, running.state
+        x, count = state.motion, plan.n_node
+        space: Any = space_class(self.ramp.groups)
         velocity, acceleration = (
             to_space_axes(space, x, rates) for rates in (state.velocity, state.acceleration)
         )
+        found: dict[str, Any] = {}
         values = {"displacement": x[:, :3], "velocity": velocity, "acceleration": acceleration}
         values["rotation"] = space.rotations(x)
         which = slice(count) if plan.nodes is None else plan.nodes.array

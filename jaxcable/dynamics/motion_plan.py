@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..common.tree import Indices, pytree
-from ..common.types import Array, Bool, Float
+from ..common.types import Array, ArrayLike, Bool, Float
 from ..mechanics.bundles import Bundles
 from .energy_balance import EnergyBalance
 
@@ -56,16 +56,16 @@ class MotionData:
         release: duration over which the forces of removed elements end, s.
     """
 
-    duration: Float[Array, ""]
-    radius: Float[Array, ""]
-    gravity: Float[Array, ""]
-    masses: Float[Array, " n_node"] | None
-    velocity: Float[Array, "n_node n"] | None
-    forces: Float[Array, "m n_node n"] | None
-    base: Float[Array, "m 3"] | None
+    duration: Float[ArrayLike, ""]
+    radius: Float[ArrayLike, ""]
+    gravity: Float[ArrayLike, ""]
+    masses: Float[ArrayLike, " n_node"] | None
+    velocity: Float[ArrayLike, "n_node n"] | None
+    forces: Float[ArrayLike, "m n_node n"] | None
+    base: Float[ArrayLike, "m 3"] | None
     dampings: list[Any]
-    stays: list[Bool[Array, " n_elem"]] | None
-    release: Float[Array, ""]
+    stays: list[Bool[ArrayLike, " n_elem"]] | None
+    release: Float[ArrayLike, ""]
 
 
 class MotionHistories(NamedTuple):

@@ -169,15 +169,16 @@ def transient(
     conserves = scheme == "energy-momentum"
     if conserves:
         require_conserving(structure, kept, start)
-    options = {"to_end": True, "coupled": coupled, "symmetric": not conserves}
-    task = prepare(structure, phase, method, start, **options)
+    coupling: Any = {"coupled": coupled, "symmetric": not conserves}
+    task = prepare(structure, phase, method, start, to_end=True, **coupling)
     wide = (count, 6) if structure.space.rotates else (count, 3)
     if velocity is not None:
         velocity = checks.floats_of_shape(velocity, "velocity", (count, 3), wide)
     base = None
     if base_acceleration is not None:
         base = _in_time(base_acceleration, "base_acceleration", times, (3,))
-    stays, first, release = None, steps, 0.0
+    stays, first = None, steps
+    release: ArrayLike = 0.0
     if removes is not None:
         gone = element_masks(removes.elements, structure, "removes.elements")
         stays = task.bundles.join([~one for one in gone])
@@ -262,6 +263,8 @@ def _checked_histories(names, structure):
     known = [*NODAL_HISTORIES, "tension", "peak_tension"]
     known += [result.name for group in structure.groups for result in group.results]
     for name in names:
+        if name == "rotation" and not structure.space.rotates:
+            raise ValueError('histories: has "rotation", but nodes of this structure do not rotate')
         if name not in known:
             raise ValueError(f"histories: {name!r} is unknown{checks.suggest_names(name, known)}")
     return names

@@ -64,7 +64,7 @@ def motion(
     _draw_lines(panels[0], time, values, [f"node {k}" for k in nodes])
     panels[0].set_ylabel(f"displacement {direction} (m)")
     if len(elements):
-        force = moved.tension if group is None else moved.tension[group]  # type: ignore[call-overload]
+        force = moved.tension if group is None else moved.tension[group]
         force = np.asarray(force)[:, list(elements)]
         factor, unit = display_unit(float(np.nanmax(np.abs(force), initial=0.0)), "N")
         _draw_lines(panels[1], time, factor * force, [f"element {k}" for k in elements])
