@@ -138,7 +138,7 @@ def advance(
                 skip = (number > parts) | (run.code != status.OK)
                 return lax.cond(skip, lambda r: r, lambda r: part(r, number, parts), run), None
 
-            return lax.scan(jax.checkpoint(one), running, jnp.arange(1, most + 1))[0], parts
+            return lax.scan(one, running, jnp.arange(1, most + 1))[0], parts
 
         failed = (found[0].code != status.OK) & (running.code == status.OK)
         return lax.cond(failed, again, lambda f: f, found), None
@@ -148,29 +148,41 @@ def advance(
 
 
 def _advance_once(running, system_at, here, settings, duration):
-    """Return `Running` after a step of a `duration`, s, at whose end the loads are those `here`."""
-    begin, memory, good = running.state, running.memory, running.code == status.OK
-    bare = system_at(here, memory)
-    step = TimeStep(begin, duration, settings.numbers)
-    system = settings.make_system(bare, settings.inertia, step, running.forces[0])
-    step = system.step
-    space, method = system.space, settings.method
-    farthest = _FARTHEST * system.length_scale()
-    predicted = lax.stop_gradient(step.predicted_motion(space, farthest))
-    guess = system.impose_supports(predicted)
-    outcome, factored = equilibrate(system, guess, method, good, running.factored)
+    """Return `Running` after a step of a `duration`, s, at whose end the loads are those `here`.
+
+    The iteration is outside of the checkpoint: a backward pass has the motion that it has found.
+    """
+
+    def systems(running, here):
+        bare = system_at(here, running.memory)
+        step = TimeStep(running.state, duration, settings.numbers)
+        return bare, settings.make_system(bare, settings.inertia, step, running.forces[0])
+
+    method, active = settings.method, running.code == status.OK
+    _, frozen = lax.stop_gradient(systems(*lax.stop_gradient((running, here))))
+    farthest = _FARTHEST * frozen.length_scale()
+    guess = frozen.impose_supports(frozen.step.predicted_motion(frozen.space, farthest))
+    outcome, factored = equilibrate(frozen, guess, method, active, running.factored)
+    known = outcome.x, outcome.equilibrated, lax.stop_gradient(factored)
+
+    @functools.partial(jax.checkpoint, prevent_cse=False)
+    def finish(running, here, known):
+        (bare, system), (x, ok, factored) = systems(running, here), known
+        given = factored, *adjoint_cg_settings(method, system, x.dtype)
+        sound = implicit.stop_gradient_unless(ok, system)
+        x = implicit.attach_derivative_with_marks(sound, x, ok, *given)[0]
+        end = system.step.end_state(system.space, x)
+        forces = bare.external_force(x), system.damping_force(end)
+        ends = running.state, end
+        energy = running.energy.after_step(system, ends, running.forces, forces)
+        memory = running.memory
+        if memory is not None:
+            memory = bare.commit_memory(x, duration=duration)
+        after = Running(end, memory, energy, forces, running.code, running.factored)
+        return select_tree(ok, after, running)
+
     code = status.first_failure(running.code, outcome.code)
-    ok = outcome.equilibrated
-    given = lax.stop_gradient(factored), *adjoint_cg_settings(method, system, guess.dtype)
-    sound = implicit.stop_gradient_unless(ok, system)
-    x = implicit.attach_derivative_with_marks(sound, outcome.x, ok, *given)[0]
-    moved = step.end_state(space, x)
-    forces = bare.external_force(x), system.damping_force(moved)
-    energy = running.energy.after_step(system, (begin, moved), running.forces, forces)
-    if memory is not None:
-        memory = bare.commit_memory(x, duration=duration)
-    after = Running(moved, memory, energy, forces, code, factored)
-    return copy_with(select_tree(ok, after, running), code=code, factored=factored)
+    return copy_with(finish(running, here, known), code=code, factored=factored)
 
 
 def run_steps(
@@ -206,7 +218,7 @@ def run_steps(
 
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def block(run, entries):
-        return lax.scan(jax.checkpoint(one, prevent_cse=False), run, entries)
+        return lax.scan(one, run, entries)
 
     running, found = lax.scan(block, running, (entries, live))
     return running, jax.tree.map(lambda x: x.reshape(padded, *x.shape[2:])[:count], found)
