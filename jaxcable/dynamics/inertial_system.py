@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
+from ..equilibrium.convergence import default_tolerance
 from ..linear import Matrix
 from ..mechanics.assembly import System
 from ..mechanics.elementwise import PerGroup
@@ -106,7 +107,7 @@ class InertialSystem(System):
         inertia: `Inertia`.
         step: `TimeStep`.
         least_scale: least force that tolerances refer to, N: loads and inertia cancel each other
-            where parts fly freely.
+            where parts fly freely, and displacements are rounded.
     """
 
     inertia: Inertia
@@ -125,6 +126,9 @@ class InertialSystem(System):
         begin, mass = step.begin, inertia.row_masses(system)[:, :3]
         force = jnp.abs(system.load[:, :3]) + mass * jnp.abs(begin.acceleration[:, :3])
         force = force + _SPEED_CHANGE * mass * jnp.abs(begin.velocity[:, :3]) / step.duration
+        rounding = jnp.finfo(mass.dtype).eps / default_tolerance(mass.dtype)
+        factor = rounding * step.acceleration_factor
+        force = force + factor * mass * jnp.abs(begin.motion[:, :3])
         least = jnp.max(force, initial=0.0)
         return cls(**given, inertia=inertia, step=step, least_scale=least)
 

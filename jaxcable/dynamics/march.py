@@ -70,6 +70,7 @@ class StepSettings(NamedTuple):
         method: `Newton`.
         halvings: how often a step that fails may be halved.
         make_system: function that makes the system of a step, as `InertialSystem.from_system`.
+        moves_supports: whether supports move, so that their reactions do work.
     """
 
     inertia: Inertia
@@ -78,6 +79,7 @@ class StepSettings(NamedTuple):
     method: Newton
     halvings: int
     make_system: Callable[..., InertialSystem]
+    moves_supports: bool
 
 
 def begin_motion(
@@ -172,7 +174,11 @@ def _advance_once(running, system_at, here, settings, duration):
         sound = implicit.stop_gradient_unless(ok, system)
         x = implicit.attach_derivative_with_marks(sound, x, ok, *given)[0]
         end = system.step.end_state(system.space, x)
-        forces = bare.external_force(x), system.damping_force(end)
+        load = bare.external_force(x)
+        if settings.moves_supports:
+            resisting = bare.unbalanced(x) + system.inertia_force(end) + system.damping_force(end)
+            load = load + system.space.reactions(resisting, x)
+        forces = load, system.damping_force(end)
         ends = running.state, end
         energy = running.energy.after_step(system, ends, running.forces, forces)
         memory = running.memory

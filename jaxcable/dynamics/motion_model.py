@@ -78,9 +78,9 @@ class MotionModel:
             return kind.from_system(system, own, step, load_before)
 
         numbers = AlphaNumbers.from_spectral_radius(self.data.radius)
-        return StepSettings(
-            inertia, numbers, self.data.duration, self.method, self.plan.halvings, make_system
-        )
+        method, halvings = self.method, self.plan.halvings
+        given = inertia, numbers, self.data.duration, method, halvings, make_system
+        return StepSettings(*given, moves_supports=self.ramp.moved is not None)
 
     def _dampers(self, system, step: TimeStep, momentum):
         """Return the matrices of dampers that join nodes, where the step is expected to end."""

@@ -212,14 +212,14 @@ class Elementwise:
         return jnp.any(self.ruptured_elements(self.strains(motion)))
 
     def commit_memory(
-        self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
+        self, motion: Motion, strains: PerGroup | None = None, duration: Any = 0.0
     ) -> Memory:
         """Return the history variables of every group at the end of an increment.
 
         Args:
             motion: motion of all nodes (rows) at the end.
             strains: section strains there, per group; None: they are evaluated.
-            duration: duration of the increment, s; always 0, because phases have none yet.
+            duration: duration of the increment, s; 0 in phases, which have none.
         """
         strains = self.strains(motion) if strains is None else strains
         found, options = [], {"duration": duration}
@@ -232,8 +232,11 @@ class Elementwise:
                 )
             else:
                 at = self.nodes[group.links], motion[group.links]
-                commit = _Method("committed_memory", (duration,))
-                found.append(map_elements_at_ends(commit, group, state, at, absent=True))
+                commit, beside = _Method("committed_memory", (duration,)), ()
+                if not isinstance(duration, float):  # it is traced
+                    commit = _Method("committed_memory")
+                    beside = (jnp.full(len(group.links), duration),)
+                found.append(map_elements_at_ends(commit, group, state, at, beside, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:

@@ -4,10 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from extensions.own_links import Dampers
 from numpy.testing import assert_allclose
 from oracles import taylor
 from oracles.convergence import converged
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import jaxcable as jc
 from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, transient
@@ -185,6 +187,47 @@ def test_a_bar_that_breaks():
         assert_allclose(force[: steps + 1], first, rtol=1e-9)
         assert not np.asarray(moved.tension["goes"])[steps + 1 :].any()
         assert_allclose(moved.energy.error, 0, atol=1e-9)
+
+
+# --- history variables
+
+
+def yielded(push, h, count):
+    """Displacements of a mass on a bar that yields beside a damper, by bisection in every step."""
+    mass, area, u, v, path = 5 / 12 * 4000.0 / GRAVITY, 1e-6, 0.0, 0.0, []
+    # a spring that hardens, beside one that yields and has slipped
+    hard, soft, most, slipped = 0.1 * 210e9 * area, 0.9 * 210e9 * area, 0.9 * 235.0, 0.0
+    a = push / mass
+    for _ in range(count):
+
+        def ended(new, u=u, v=v, a=a):
+            return 4 * ((new - u) / h - v) / h - a
+
+        def unbalanced(new, u=u, ended=ended, slipped=slipped):
+            force = hard * new + np.clip(soft * (new - slipped), -most, most)
+            return mass * ended(new) + force + 2e4 * (new - u) - push
+
+        new = brentq(unbalanced, u - 0.01, u + 0.01, xtol=1e-16)
+        u, v, a = new, v + 0.5 * h * (a + ended(new)), ended(new)
+        slipped = u - np.clip(soft * (u - slipped), -most, most) / soft
+        path.append(u)
+    assert slipped > 1e-4
+    return np.array(path)
+
+
+def test_a_bar_that_yields():
+    """A law with history variables, and a damper that remembers where it was."""
+    steel = jc.materials.steel(235e6, 210e9, 0.1)
+    section = jc.Section([0.0], [0.0], [1e-6], [steel])
+    bar = jc.Bars([[0, 1]], section=section, weight=4000.0)
+    elements = {"bar": bar, "damper": Dampers([[0, 1]], 2e4)}
+    supports = jc.pinned([0]) + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], elements, supports)
+    push = jc.NodalLoads([1], (200.0, 0, 0))
+    moved = transient(structure, push, dt=0.02, steps=30)
+    assert int(moved.status) == 0
+    # up to 1e-10 of the forces, over the stiffness, in every step
+    assert_allclose(moved.displacement[1:, 1, 0], yielded(200.0, 0.02, 30), atol=1e-11, rtol=1e-8)
 
 
 # --- derivatives
