@@ -1,6 +1,6 @@
 """Do the tests notice a fault in the package?
 
-Question   60 slips (`tests/mutants_table.py`), two in every room and more where the physics is, are
+Question   62 slips (`tests/mutants_table.py`), two in every room and more where the physics is, are
            put into a copy of the package one at a time: which test fails, and which slips does none
            notice?
 Reference  The unchanged package: a test that fails on that, too, catches nothing.

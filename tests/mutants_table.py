@@ -238,5 +238,11 @@ FAULTS = (
     Fault("studies/task.py",
         "if code != status.OK:", "if code == status.OK:",
         "failed cases of a study have no cause, and good ones have one"),
+    Fault("dynamics/generalized_alpha.py",
+        "0.25 * (1 - alpha_m + alpha_f) ** 2", "0.5 * (0.5 + gamma)",
+        "the fastest oscillations do not have the spectral radius that is asked for"),
+    Fault("dynamics/motion_program.py",
+        "jnp.maximum(parameter, jnp.finfo(dtype).tiny)", "parameter",
+        "a sudden load acts from the first step on, not at the start"),
 )
 # fmt: on

@@ -92,6 +92,8 @@ def prepare(
     start: Solution | State | None,
     earlier: int = 0,
     to_end: bool = False,
+    coupled: tuple[Any, ...] = (),
+    symmetric: bool = True,
 ) -> PreparedAnalysis:
     """Check the arguments of an analysis, and separate topology from numbers.
 
@@ -99,6 +101,9 @@ def prepare(
         structure, phases, method, start: as for `solve`.
         earlier: number of phases solved before, by which warnings number the phases.
         to_end: whether only equilibria are sought: then the tangent of a net is never indefinite.
+        coupled: unknowns that further forces, such as inertia, couple: triples like those of
+            `make_dof_map`, for places in the sparsity pattern.
+        symmetric: whether the tangent is symmetric if elements and loads are.
 
     Returns:
         `PreparedAnalysis`.
@@ -126,7 +131,8 @@ def prepare(
     refuse_secant_with_followers(method, phases, followed, earlier)
     bundled = bundles.join_groups(groups)
     convex = to_end and isinstance(method, Newton) and _is_always_convex(bundled, everything)
-    numbered = _numbering_function(structure, method, everything, bundled, bundles, convex)
+    settings = everything, bundled, bundles, convex, (coupled, symmetric)
+    numbered = _numbering_function(structure, method, *settings)
     presence = make_activation(
         structure, phases, None if restart is None else restart.states, earlier
     )
@@ -208,12 +214,13 @@ def _make_bundles(structure):
     return Bundles.from_groups(structure.motion_rows()[1])
 
 
-def _numbering_function(structure, method, stacks, groups, bundles, convex):
+def _numbering_function(structure, method, stacks, groups, bundles, convex, further):
     """Return a function from `FixedDofs` to the `DofMap` that numbers the unknowns.
 
     `stacks` are all element loads, `groups` are joined to `bundles`; `convex` says whether the
-    tangent is never indefinite.
+    tangent is never indefinite; `further` are `coupled` and `symmetric` of `prepare`.
     """
+    further, all_symmetric = further
     (rows, _), space = structure.motion_rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     links = tuple((group.links, group.n_freedom, group.inner_unknowns) for group in groups)
@@ -221,13 +228,14 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
         (nodes, 3, ()) for stack in followers for nodes in stack.coupled_nodes(groups, bundles)
     )
 
-    straight = are_loops_fused() and not space.rotates
+    straight = are_loops_fused() and not space.rotates and not further
     symmetric = space.symmetric and not followers and all(group.symmetric for group in groups)
+    symmetric = symmetric and all_symmetric
 
     def number(fixed):
         paired = tuple(straight and group.paired and fixed.axes is None for group in groups)
         solver = method.linear_solver
-        coupled = (*links, *pressed)
+        coupled = (*links, *pressed, *further)
         settings = solver, symmetric, structure.rigid, space, convex, paired
         found = make_dof_map(fixed, rows, coupled, *settings)
         ends = tuple(group.links for group in groups)

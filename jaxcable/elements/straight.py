@@ -251,7 +251,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         """
         if len(ends) != 2:
             return super().mass_matrix(state, ends, motion, mass, distribution)
-        same, other = _SHARES[distribution or "mean"]
+        same, other = mass_shares(distribution)
         shares = mass * jnp.array([[same, other], [other, same]], mass.dtype)
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
@@ -361,3 +361,11 @@ class Straight(Axial, Prestressed, Uniaxial):
 def _decreases_anywhere(stress):
     """Return whether stresses along a curve, [..., n], fall between any two successive points."""
     return (stress[..., 1:] < stress[..., :-1]).any()
+
+
+def mass_shares(distribution: str | None) -> tuple[float, float]:
+    """Return entries of a mass matrix over the mass, on and off the diagonal.
+
+    `distribution` is "lumped", "consistent", or "mean" of both, as is None.
+    """
+    return _SHARES[distribution or "mean"]

@@ -136,7 +136,7 @@ class PredictedForces:
         """
         least = np.where(tension_only_chords(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
-        load = jnp.max(system.space.force_norm(system.load))
+        load = system.largest_load()
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
         presses = compression_only_chords(system.groups)
         if presses.any():

@@ -90,10 +90,11 @@ class StructureSteps(StepMethod):
 
     def __init__(self, system: System, begin: Motion, convergence: Convergence):
         super().__init__(system, begin, convergence)
-        self.partial_net = PartialNet.from_system(system)
+        predicts = system.predicts_axial_forces
+        self.partial_net = PartialNet.from_system(system) if predicts else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
         softens = system.without_softening().is_net
-        self.predicts = not softens and any_chords(system.groups)
+        self.predicts = predicts and not softens and any_chords(system.groups)
 
     def initial(self) -> StructureStrategy:
         """Return the state of the method before the first evaluation."""

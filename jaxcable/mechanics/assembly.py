@@ -134,15 +134,6 @@ class System(Elementwise):
                 sizes[k] = sizes[k] + self.internal_absolute_forces(group, state, x)
         return sizes
 
-    def sum_at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
-        """Assemble values at element ends, [n_elem, n_end, ...] each, at nodes: [n_row, ...]."""
-        parts = [value.reshape(-1, *value.shape[2:]) for value in values]
-        flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
-        if self.dof_map.nodal_assembly is not None:
-            return self.dof_map.nodal_assembly(flat)
-        rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
-        return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
-
     def internal_absolute_forces(
         self, group: Element, state: ElementState, motion: Motion
     ) -> Float[Array, "n_elem n_end"]:
@@ -195,8 +186,12 @@ class System(Elementwise):
         This scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
         (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
-        scale = jnp.max(size + self.space.force_norm(load))
+        scale = self.force_scale(size + self.space.force_norm(load))
         return self.space.restrict(force - load, x), scale
+
+    def force_scale(self, sizes: Float[Array, " n_row"]) -> Float[Array, ""]:
+        """Return the force of tolerances, N: the largest sum of absolute forces, of [n_row]."""
+        return jnp.max(sizes)
 
     @property
     def estimates_rounding(self) -> bool:
@@ -208,11 +203,8 @@ class System(Elementwise):
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, RoundingEstimate):
-                left.append(
-                    self.space.pad_moments(
-                        evaluate_elements("rounding_error", group, state, self.nodes, x)
-                    )
-                )
+                error = evaluate_elements("rounding_error", group, state, self.nodes, x)
+                left.append(self.space.pad_moments(error))
             else:
                 left.append(jnp.zeros((*group.links.shape, self.space.n_freedom), x.dtype))
         return jnp.abs(self.space.restrict(self.sum_at_rows(left), x))
@@ -298,13 +290,21 @@ class System(Elementwise):
 
         A sparse pattern needs places for them: give `make_dof_map` their `links` after the groups'.
         """
+        turning = self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
+        return self.following_stiffness_parts(x) + turning
+
+    def following_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
+        """Return minus the derivative of the following loads by a step, in `MatrixPart`s."""
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
-        following = [
+        return [
             self.space.transform_to_unknowns(-blocks, links, 3, (), x)
             for follower in self.followers or ()
             for blocks, links in follower.following_blocks(*arguments)
         ]
-        return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
+
+    def largest_load(self) -> Float[Array, ""]:
+        """Return the largest dead load on a row, N, a scale of forces."""
+        return jnp.max(self.space.force_norm(self.load))
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Assemble the secant stiffness between two motions, a matrix like `tangent`, N/m."""

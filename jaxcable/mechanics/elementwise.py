@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,14 @@ Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
 
 
 class Elementwise:
-    """Base of `System`: evaluates its elements, group by group."""
+    """Base of `System`: evaluates its elements, group by group.
+
+    Attributes:
+        predicts_axial_forces: whether an iteration may predict axial forces: not if end forces are
+            others than those at one motion.
+    """
+
+    predicts_axial_forces: ClassVar[bool] = True
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
@@ -55,6 +62,15 @@ class Elementwise:
             found.append(flat[:count].reshape(*group.links.shape, *values.shape[1:]))
             flat = flat[count:]
         return found
+
+    def sum_at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
+        """Assemble values at element ends, [n_elem, n_end, ...] each, at nodes: [n_row, ...]."""
+        parts = [value.reshape(-1, *value.shape[2:]) for value in values]
+        flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+        if self.dof_map.nodal_assembly is not None:
+            return self.dof_map.nodal_assembly(flat)
+        rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
+        return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
     def stored_energy(self, motion: Motion) -> Float[Array, ""]:
         """Return the energy stored in the elements, J."""
@@ -196,14 +212,14 @@ class Elementwise:
         return jnp.any(self.ruptured_elements(self.strains(motion)))
 
     def commit_memory(
-        self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
+        self, motion: Motion, strains: PerGroup | None = None, duration: Any = 0.0
     ) -> Memory:
         """Return the history variables of every group at the end of an increment.
 
         Args:
             motion: motion of all nodes (rows) at the end.
             strains: section strains there, per group; None: they are evaluated.
-            duration: duration of the increment, s; always 0, because phases have none yet.
+            duration: duration of the increment, s; 0 in phases, which have none.
         """
         strains = self.strains(motion) if strains is None else strains
         found, options = [], {"duration": duration}
@@ -217,7 +233,11 @@ class Elementwise:
             else:
                 at = self.nodes[group.links], motion[group.links]
                 commit = _Method("committed_memory", (duration,))
-                found.append(map_elements_at_ends(commit, group, state, at, absent=True))
+                beside: tuple[Array, ...] = ()
+                if not isinstance(duration, float):  # it is traced
+                    commit = _Method("committed_memory")
+                    beside = (jnp.full(len(group.links), duration),)
+                found.append(map_elements_at_ends(commit, group, state, at, beside, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:

@@ -84,7 +84,7 @@ class CableTensions:
         pairs = zip(self.forces, sizes, strict=True)
         rows = system.sum_at_rows([jnp.concatenate(pair, axis=-1) for pair in pairs])
         load = system.external_force(x)
-        scale = jnp.max(rows[:, 3] + system.space.force_norm(load))
+        scale = system.force_scale(rows[:, 3] + system.space.force_norm(load))
         residual = system.space.restrict(rows[:, :3] - load, x)
         return residual, scale, jnp.abs(system.space.restrict(system.sum_at_rows(unsure), x))
 

@@ -17,6 +17,7 @@ from .histories import history
 from .increments import increments
 from .mode_shapes import mode_shapes
 from .model_pictures import model
+from .motions import motion
 from .nets import net
 from .paths import path
 from .report_pictures import for_report
@@ -35,6 +36,7 @@ __all__ = [
     "increments",
     "mode_shapes",
     "model",
+    "motion",
     "net",
     "path",
     "section",

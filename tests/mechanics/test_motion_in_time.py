@@ -52,13 +52,13 @@ def of_average_acceleration(frequency, step):
 
 
 def test_solvers_ask_the_system_for_all_forces():
-    """Dead loads alone are a scale of forces (`predicted`), or what a phase adds (`balance`)."""
+    """Dead loads alone are what a phase adds (`convergence`)."""
     package, found = Path(jc.__file__).parent, set()
     for path in [*package.glob("equilibrium/*.py"), *package.glob("paths/*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Attribute) and ast.unparse(node) == "system.load":
                 found.add(path.stem)
-    assert found == {"convergence", "predicted_forces"}
+    assert found == {"convergence"}
 
 
 # --- a plucked string

@@ -1,0 +1,175 @@
+"""Steps that conserve energy and momentum, of structures of straight cables and bars.
+
+Velocities are those of the midpoint rule, ``u1 - u0 = h (v0 + v1) / 2``, and forces act along the
+mean of the directions of an element at both ends of a step, with the size that does the work of the
+stored energy U:
+
+    N = (U1 - U0) / (l1 - l0),    force on the second end N (r0 + r1) / (l0 + l1).
+
+So energy, momentum and angular momentum stay as they are without loads, whatever the duration of a
+step, also where cables go slack and taut.
+
+Source: Simo, Tarnow, ZAMP 43 (1992) 757; Gonzalez, J. Nonlinear Sci. 6 (1996) 449.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..analysis.solution import Solution, State
+from ..common.tree import copy_with, pytree
+from ..common.types import Array, Bool, Float
+from ..elements.prestress import measure_chord
+from ..elements.straight import Straight
+from ..loads.load import FollowerLoad, Load
+from ..loads.varying import Varying
+from ..mechanics.assembly import System
+from ..mechanics.elementwise import PerGroup, map_elements_at_ends
+from ..model.structure import Structure
+from ..numerics.vectors import scalar_product
+from ..spaces.space import Motion, Space
+from ..spaces.translations import drop_low_part
+from .generalized_alpha import MotionState, TimeStep
+from .inertial_system import Inertia, InertialSystem
+
+# Change of length over the length below which the force is that at the mean length: the difference
+# of energies has few digits there, and the error is of third order in it.
+_SHORT = 1e-7
+
+
+@pytree
+class MidpointStep(TimeStep):
+    """A step in time by the midpoint rule, whose forces are in balance in its middle."""
+
+    @property
+    def velocity_factor(self) -> Float[Array, ""]:
+        """Derivative of the velocity in the middle by the displacement of the step, 1/s."""
+        return 1 / self.duration
+
+    @property
+    def acceleration_factor(self) -> Float[Array, ""]:
+        """Derivative of the acceleration by the displacement of the step, 1/s2."""
+        return 2 / self.duration**2
+
+    def balanced_state(self, space: Space, x: Motion) -> MotionState:
+        """Return the motion at the end with velocity and acceleration in the middle of the step."""
+        mean = space.displacement_between(self.begin.motion, x) / self.duration
+        acceleration = 2 / self.duration * (mean - self.begin.velocity)
+        return MotionState(x, mean, acceleration, acceleration)
+
+    def end_state(self, space: Space, x: Motion) -> MotionState:
+        """Return the `MotionState` at the end of the step, with the acceleration of its middle."""
+        middle = self.balanced_state(space, x)
+        velocity = 2 * middle.velocity - self.begin.velocity
+        return MotionState(x, velocity, middle.acceleration, middle.acceleration)
+
+
+@pytree(kw_only=True)
+class ConservingSystem(InertialSystem):
+    """The equations of a step that conserves energy and momentum.
+
+    Its step is a `MidpointStep`, its load the mean of those at both ends.
+    """
+
+    predicts_axial_forces = False
+
+    @classmethod
+    def from_system(
+        cls, system: System, inertia: Inertia, step: TimeStep, load_before: Any = None
+    ) -> InertialSystem:
+        """Return the equations of a step with a load that changes from `load_before`."""
+        step = MidpointStep(step.begin, step.duration, step.numbers)
+        found = super().from_system(system, inertia, step)
+        return copy_with(found, load=0.5 * (load_before + system.load))
+
+    def forces_and_tangents(self, motion: Motion) -> list[list[Any]]:
+        """Return end forces of the step, per group, and None for tangents."""
+        forces = self._end_forces(motion)
+        return [forces, [None] * len(forces)]
+
+    def tangents(self, motion: Motion, known: PerGroup | None = None) -> list[Array]:
+        """Return derivatives of end forces by the end of the step, per group [n_elem, 6, 6]."""
+        return [
+            blocks.reshape(len(blocks), 6, 6)
+            for blocks in self._each_element(_force_and_slope, motion)
+        ]
+
+    def results_by_name(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
+        """Return named results of all elements; "end_forces" are those of the step."""
+        found = super().results_by_name(motion, *names)
+        return found | ({"end_forces": self._end_forces(motion)} if "end_forces" in names else {})
+
+    def _end_forces(self, motion):
+        """Return end forces of the step at its end `motion`, per group [n_elem, 2, 3], N."""
+        return self._each_element(_mean_force, motion)
+
+    def _each_element(self, function, motion):
+        """Return a function of every element and of its motion at both ends of the step."""
+        found, motion = [], drop_low_part(motion)
+        for group, state in zip(self.groups, self.states, strict=True):
+            at = [a[group.links] for a in (self.nodes, self.step.begin.motion, motion)]
+            found.append(map_elements_at_ends(function, group, state, at))
+        return found
+
+    @property
+    def may_be_convex(self) -> bool:
+        """Whether the forces have a convex potential: they have none."""
+        return False
+
+    @property
+    def may_be_unsymmetric(self) -> bool:
+        """Whether the tangent can be unsymmetric: it is."""
+        return True
+
+    def unsymmetric(self) -> Bool[Array, ""]:
+        """Return that the tangent is unsymmetric, scalar bool."""
+        return jnp.ones((), bool)
+
+
+def _mean_force(one, state, ends, before, after):
+    """Return end forces of one straight element in a step that do the work of its energy, N."""
+    first, *_ = measure_chord(ends, before)
+    second, *_ = measure_chord(ends, after)
+    moved = (after[1] - after[0]) - (before[1] - before[0])
+    length, new = (jnp.sqrt(scalar_product(v, v)) for v in (first, second))
+    total = first + second
+    longer = scalar_product(moved, total) / (length + new)
+    short = jnp.abs(longer) <= _SHORT * (length + new)
+    work = one.energy(state, ends, after) - one.energy(state, ends, before)
+    # at the mean length, along the line at the end
+    mean = 0.5 * (length + new) / new
+    place = before[0] + mean * second - (ends[1] - ends[0])
+    at_mean = one.tension(state, ends, jnp.stack([before[0], place]))
+    tension = jnp.where(short, at_mean, work / jnp.where(short, 1.0, longer))
+    force = tension / (length + new) * total
+    return jnp.stack([-force, force])
+
+
+def _force_and_slope(one, state, ends, before, after):
+    """Return the derivative of `_mean_force` by the motion at the end, [2, 3, 2, 3], N/m."""
+    return jax.jacfwd(lambda moved: _mean_force(one, state, ends, before, moved))(after)
+
+
+def require_conserving(
+    structure: Structure, loads: Sequence[Load], start: Solution | State | None
+) -> None:
+    """Raise ValueError for elements or loads that the scheme does not know."""
+    for where, group in structure.named_groups():
+        if not isinstance(group, Straight) or group.has_memory or group.links.shape[1] != 2:
+            raise ValueError(
+                f'scheme = "energy-momentum": elements{where} ({type(group).__name__}) are not '
+                "supported; it is for straight cables and bars without history variables"
+            )
+    bare = [load.load if isinstance(load, Varying) else load for load in loads]
+    last = start.last if isinstance(start, Solution) else start
+    bare += [] if last is None else [stack.load for stack in last.restart.loads]
+    for load in bare:
+        if isinstance(load, FollowerLoad):
+            raise ValueError(
+                f'scheme = "energy-momentum": {type(load).__name__} follows the structure; only '
+                "dead loads are supported"
+            )

@@ -1,0 +1,101 @@
+"""Energy of a motion: kinetic and stored, work of loads, what dampers dissipate, and the rest."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from ..common.tree import pytree
+from ..common.types import Array, Float
+from ..spaces.space import Forces
+from .generalized_alpha import MotionState, body_displacement, to_space_axes
+from .inertial_system import InertialSystem
+
+
+@pytree
+class EnergyBalance:
+    """Energy since the start of a motion, of one time or of all, [...], J.
+
+    Attributes:
+        kinetic: kinetic energy.
+        stored: energy stored in elements; with history variables the part that can be regained.
+        work: work of the loads since the start, by the mean of both ends of each step.
+        dissipated: energy that dampers have dissipated since the start, likewise.
+        total: kinetic and stored energy at the start.
+
+    Example:
+        A mass of 2 kg with 3 m/s on a bar of 8 kN/m, after a quarter of a period:
+
+        >>> bar = jc.Bars([[0, 1]], axial_stiffness=8e3)
+        >>> guide = jc.pinned([0]) + jc.restrained([1], "yz")
+        >>> structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], bar, supports=guide)
+        >>> times = {"dt": 2 * np.pi * np.sqrt(2.0 / 8e3) / 400, "steps": 100}
+        >>> thrown = {"masses": 2.0, "velocity": [[0, 0, 0], [3.0, 0, 0]]}
+        >>> moved = jc.dynamics.transient(structure, **times, **thrown)
+        >>> energy = moved.energy
+        >>> print(moved.status, *(f"{x:.3f}" for x in (energy.kinetic[0], energy.stored[-1])))
+        0 9.000 9.000
+    """
+
+    kinetic: Float[Array, " ..."]
+    stored: Float[Array, " ..."]
+    work: Float[Array, " ..."]
+    dissipated: Float[Array, " ..."]
+    total: Float[Array, " ..."]
+
+    @property
+    def error(self) -> Float[Array, " ..."]:
+        """Energy that is there beyond that at the start and the work, less what is dissipated, J.
+
+        It is what the steps in time gain or lose, and minus what friction and plastic strains
+        dissipate.
+        """
+        return self.kinetic + self.stored + self.dissipated - self.work - self.total
+
+    @classmethod
+    def initial(cls, system: InertialSystem, state: MotionState) -> EnergyBalance:
+        """Return the balance at the start of a motion."""
+        kinetic, stored = kinetic_energy(system, state), system.stored_energy(state.motion)
+        zero = jnp.zeros_like(kinetic)
+        return cls(kinetic, stored, zero, zero, kinetic + stored)
+
+    def go_on_from(self, begun: EnergyBalance) -> EnergyBalance:
+        """Return this balance with the energies `begun`, of fewer elements, and the same error."""
+        total = begun.kinetic + begun.stored + self.dissipated - self.work - self.error
+        return EnergyBalance(begun.kinetic, begun.stored, self.work, self.dissipated, total)
+
+    def after_step(
+        self,
+        system: InertialSystem,
+        ends: tuple[MotionState, MotionState],
+        before: tuple[Forces, Forces],
+        after: tuple[Forces, Forces],
+    ) -> EnergyBalance:
+        """Return the balance after a step.
+
+        Args:
+            system: the `InertialSystem` of the step.
+            ends: `MotionState` at both ends.
+            before, after: loads and damping forces on rows at both ends, N and N m.
+        """
+        begin, end = ends
+        space, at = system.space, (begin.motion, end.motion)
+        moved = to_space_axes(space, end.motion, body_displacement(space, *at))
+        works = [0.5 * jnp.sum((a + b) * moved) for a, b in zip(before, after, strict=True)]
+        kinetic, stored = kinetic_energy(system, end), system.stored_energy(end.motion)
+        work, dissipated = self.work + works[0], self.dissipated + works[1]
+        return EnergyBalance(kinetic, stored, work, dissipated, self.total)
+
+
+def kinetic_energy(system: InertialSystem, state: MotionState) -> Float[Array, ""]:
+    """Return the kinetic energy of a motion, J."""
+    own, velocity = system.inertia, state.velocity
+    total = 0.5 * jnp.sum(own.nodal_mass * jnp.sum(velocity[:, :3] ** 2, axis=1))
+    for group, blocks in zip(system.groups, own.masses, strict=True):
+        n_end = blocks.shape[1] // 3
+        at = velocity[group.links[:, :n_end], :3].reshape(len(blocks), -1)
+        total = total + 0.5 * jnp.einsum("ei,eij,ej->", at, blocks, at)
+    if own.rotary is None:
+        return total
+    spins = jax.vmap(lambda j, w: jnp.sum(w * (j @ w)))(own.rotary, velocity[:, 3:])
+    return total + 0.5 * jnp.sum(spins)

@@ -1,0 +1,164 @@
+"""`MotionModel`: the systems of a structure in motion, step by step, and what is recorded."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..common.tree import copy_with
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..mechanics.assembly import System
+from ..mechanics.load_ramp import LoadRamp
+from ..spaces import space_class
+from .conserving_system import ConservingSystem
+from .damping import Dashpots, ModalDamping, modal_matrix, rayleigh_matrices
+from .generalized_alpha import AlphaNumbers, TimeStep, to_space_axes
+from .inertial_system import Inertia, InertialSystem
+from .march import Running, StepSettings, advance, run_steps
+from .masses import element_masses, mass_forces, rotary_inertia, sum_of_nodes
+from .motion_plan import NODAL_HISTORIES, MotionHistories
+
+
+class MotionModel:
+    """The structure in motion: its systems in time, and what is recorded of them.
+
+    Args:
+        ramp: `LoadRamp`, whose parameter is time over the whole duration.
+        data: `MotionData`.
+        plan: `MotionPlan`.
+        method: `Newton`.
+
+    Attributes:
+        released: loads that removed elements leave, [n_row, n_freedom], N and N m, or None.
+    """
+
+    def __init__(self, ramp, data, plan, method):
+        self.ramp, self.data, self.plan, self.method = ramp, data, plan, method
+        self.released = self.masses = None
+
+    def system_at(self, entry: dict[str, Any], memory: Any) -> System:
+        """Return the system without inertia under the loads of an entry of the histories."""
+        system = self.ramp.system_at(entry["parameter"], memory)
+        load = system.load
+        if "forces" in entry:
+            load = load + row_values(self.ramp, entry["forces"])
+        if "base" in entry:
+            base = jnp.broadcast_to(entry["base"], (len(system.nodes), 3))
+            load = load - mass_forces(system, self.masses, base)
+        if "released" in entry:
+            load = load + entry["released"] * self.released
+        return copy_with(system, load=load)
+
+    def settings(self, entry: dict[str, Any], x: Any) -> StepSettings:
+        """Return the settings of all steps, with the masses of the elements that are there."""
+        bare = self.ramp.system_at(entry["parameter"], self.ramp.memory)
+        gravity = self.data.gravity
+        masses = element_masses(bare, x, gravity, self.plan.distribution)
+        nodal = row_values(self.ramp, self.data.masses, width=1)[:, 0]
+        self.masses = masses, nodal
+        rotary = rotary_inertia(bare, x, gravity)
+        damping, nodal_damping = rayleigh_matrices(self.data.dampings, bare, masses, nodal, x)
+        inertia = Inertia(masses, nodal, rotary, damping, nodal_damping, [])
+
+        def momentum(shape):
+            rows = jnp.zeros((len(bare.nodes), 3), x.dtype).at[: self.plan.n_node].set(shape)
+            if bare.dof_map.node_of_row is not None:
+                rows = rows[bare.dof_map.node_of_row]
+            force = mass_forces(bare, self.masses, rows)[:, :3]
+            return sum_of_nodes(bare, force, self.plan.n_node)
+
+        def make_system(system, inertia, step, load_before=None):
+            # a state alone, without a step to it, has no other forces
+            conserves = self.plan.conserves and load_before is not None
+            kind = ConservingSystem if conserves else InertialSystem
+            dampers = self._dampers(system, step, momentum)
+            own = copy_with(inertia, dampers=dampers)
+            return kind.from_system(system, own, step, load_before)
+
+        numbers = AlphaNumbers.from_spectral_radius(self.data.radius)
+        method, halvings = self.method, self.plan.halvings
+        given = inertia, numbers, self.data.duration, method, halvings, make_system
+        return StepSettings(*given, moves_supports=self.ramp.moved is not None)
+
+    def _dampers(self, system, step: TimeStep, momentum):
+        """Return the matrices of dampers that join nodes, where the step is expected to end."""
+        found: list[Any] = []
+        motion: Any = None
+        for one in self.data.dampings:
+            if isinstance(one, Dashpots):
+                if motion is None and not one.is_grounded:
+                    motion = step.predicted_motion(system.space, jnp.asarray(jnp.inf))
+                found.append(one.matrices(system.nodes, motion))
+            elif isinstance(one, ModalDamping):
+                found.append(modal_matrix(one, jax.vmap(momentum)(one.shapes)))
+        return found
+
+    def run(
+        self, running: Running, entries: dict[str, Array], settings: StepSettings, at: int, n: int
+    ) -> tuple[Running, MotionHistories]:
+        """Run `n` steps from time step `at` on: return `Running`, and their histories."""
+
+        def one(run, entry):
+            before, here = entry
+            after, parts = advance(run, self.system_at, here, before, settings)
+            return after, self.record(after, here, settings, parts)
+
+        ends = [jax.tree.map(lambda a, k=k: a[at + k : at + k + n], entries) for k in (0, 1)]
+        return run_steps(running, one, tuple(ends), n)
+
+    def record(
+        self, running: Running, entry: Any, settings: StepSettings, parts: Int[Array, ""]
+    ) -> MotionHistories:
+        """Return what is kept of a time, `MotionHistories` without axis of time."""
+        plan, state = self.plan, running.state
+        x, count = state.motion, plan.n_node
+        space: Any = space_class(self.ramp.groups)
+        velocity, acceleration = (
+            to_space_axes(space, x, rates) for rates in (state.velocity, state.acceleration)
+        )
+        found: dict[str, Any] = {}
+        values = {"displacement": x[:, :3], "velocity": velocity, "acceleration": acceleration}
+        values["rotation"] = space.rotations(x)
+        which = slice(count) if plan.nodes is None else plan.nodes.array
+        wanted = [name for name in plan.histories if name not in NODAL_HISTORIES]
+        if wanted or "reactions" in plan.histories:
+            system = self.system_at(entry, running.memory)
+            output = system.results_by_name(x, *wanted, "end_forces")
+            if "reactions" in plan.histories:
+                step = TimeStep(state, settings.duration, settings.numbers)
+                own = settings.make_system(system, settings.inertia, step)
+                force = own.inertia_force(state) + own.damping_force(state)
+                bare = system.unbalanced(x, output["end_forces"]) + force
+                values["reactions"] = sum_of_nodes(system, system.space.reactions(bare, x), count)
+            found = {name: output[name] for name in wanted}
+        found |= {n: values[n][which] for n in plan.histories if n in values}
+        return MotionHistories(running.code, parts, found, running.energy)
+
+
+def row_values(
+    ramp: LoadRamp, values: Float[ArrayLike, "n_node ..."] | None, width: int | None = None
+) -> Float[Array, "n_row n"]:
+    """Return values of nodes, [n_node, n] or [n_node], as those of rows with zeros beside them.
+
+    `width` is the number of columns, by default that of the space; None as `values` gives zeros.
+    """
+    n_row, width = len(ramp.nodes), ramp.start.nodal_load.shape[1] if width is None else width
+    found = jnp.zeros((n_row, width), ramp.nodes.dtype)
+    if values is None:
+        return found
+    values = values.reshape(len(values), -1)
+    return found.at[: len(values), : values.shape[1]].set(values)
+
+
+def with_presence(ramp: LoadRamp, present: list[Bool[Array, " n_elem"]]) -> LoadRamp:
+    """Return a `LoadRamp` of which the elements `present`, per group [n_elem] bool, are there."""
+    groups, start = ramp.groups, ramp.start
+    there = [
+        own if state.present is None else own & state.present
+        for state, own in zip(start.states, present, strict=True)
+    ]
+    triples = zip(groups, start.states, there, strict=True)
+    states = [group.with_activation(state, own) for group, state, own in triples]
+    return copy_with(ramp, start=copy_with(start, states=states))

@@ -1,0 +1,277 @@
+"""`transient`: the motion of a structure in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.activation import element_masks
+from ..analysis.phases import Phase, keys_as_whole_groups
+from ..analysis.preparation import prepare
+from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.rules import Rule, nan_if_broken, not_negative, positive
+from ..common.selection import Selection
+from ..common.tree import Indices, pytree, set_fields
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..equilibrium.newton import Newton
+from ..loads.load import Load
+from ..loads.masses import STANDARD_GRAVITY, PointMasses
+from ..loads.varying import Varying
+from ..model.structure import Structure
+from .conserving_system import require_conserving
+from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
+from .inertia import nodal_masses
+from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
+from .motion_program import compute_motion
+from .response import Transient
+
+SCHEMES = "generalized-alpha", "energy-momentum"
+
+
+@pytree
+class Removal:
+    """Elements that are removed within a motion, such as a cable that breaks.
+
+    The forces that they exert at this moment, and the loads on them, are ramped to zero over the
+    duration. Their masses go at once; nodes keep their velocity.
+
+    Args:
+        elements: as `Phase.removes`: keys of groups, or a `Selection` or booleans [n_elem] by
+            group.
+        time: when they are removed, s, a whole number of steps; default 0.
+        duration: over which their forces end, s; default 0, at once.
+
+    Raises:
+        ValueError: no scalars, or negative ones.
+
+    Example:
+        >>> jc.dynamics.Removal({"stays": jc.only([3])}, time=0.5).time
+        array(0.5)
+    """
+
+    elements: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection]
+    time: Float[ArrayLike, ""] = 0.0
+    duration: Float[ArrayLike, ""] = 0.0
+
+    def __post_init__(self):
+        set_fields(self, elements=keys_as_whole_groups(self.elements))
+        for name in ("time", "duration"):
+            set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
+            nan_if_broken(not_negative(name, getattr(self, name)))
+
+
+def transient(
+    structure: Structure,
+    loads: Any = None,
+    *,
+    start: Solution | State | None = None,
+    dt: Float[ArrayLike, ""],
+    steps: int,
+    damping: Rayleigh | ModalDamping | Dashpots | Sequence[Any] | None = None,
+    spectral_radius: Float[ArrayLike, ""] = 1.0,
+    scheme: Literal["generalized-alpha", "energy-momentum"] = "generalized-alpha",
+    masses: Float[ArrayLike, " n_node"] | PointMasses | Sequence[PointMasses] | None = None,
+    velocity: Float[ArrayLike, "n_node 3"] | None = None,
+    base_acceleration: Float[ArrayLike, "m 3"] | Callable[[Array], Array] | None = None,
+    removes: Removal | None = None,
+    histories: Sequence[str] = ("displacement", "tension"),
+    nodes: Int[ArrayLike, " n"] | None = None,
+    halvings: int = 0,
+    gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
+    distribution: Literal["lumped", "consistent", "mean"] | None = None,
+    method: Newton | None = None,
+) -> Transient:
+    """Compute the motion of a structure in time, step by step.
+
+    Every step is iterated to balance of forces, inertia and damping by the solvers of equilibrium:
+    cables go slack and taut, beams rotate as far as they do. A pure function: jit, vmap, grad and
+    jvp work on it. A gradient keeps the states of about ``2 sqrt(steps)`` steps and computes each
+    step once more.
+
+    Loads of `start` go on acting; `loads` are added to them from t = 0 on. Masses are those of the
+    weights of elements, and `masses`. Beams also have the rotary inertia of their sections.
+
+    Args:
+        structure: `Structure`.
+        loads: one or several in a list of: forces in time, [steps + 1, n_node, 3] (with rotations
+            also 6), N and N m, at the times k dt; functions of time, s, that return such forces,
+            [n_node, 3]; loads of the package, which act at once and stay, or which vary
+            (`Varying`, whose parameter is time over ``steps dt``), movements of supports included.
+
+    Options:
+        start: `Solution` or `State` from which the motion begins; default: the initial geometry.
+        dt: duration of a step, s.
+        steps: number of steps.
+        damping: `Rayleigh`, `ModalDamping` or `Dashpots`, or several in a list.
+        spectral_radius: what the scheme leaves of very fast oscillations in a step, from 0 to 1;
+            default 1: it dissipates nothing. Below 1 the noise of cables that go taut dies out.
+        scheme: "generalized-alpha", or "energy-momentum", which conserves energy, momentum and
+            angular momentum of straight cables and bars for any duration of a step.
+        masses: masses added to nodes, [n_node] or scalar, kg; or `PointMasses`.
+        velocity: velocities of the nodes at the start, [n_node, 3], with rotations also 6 (angular
+            velocities along x, y, z), m/s and rad/s.
+        base_acceleration: acceleration of the ground, [steps + 1, 3] or a function of time, m/s2;
+            displacements are then those against the ground.
+        removes: `Removal`, elements that are removed at a time, such as a cable that breaks.
+        histories: names of what is kept: "displacement", "velocity", "acceleration", "rotation"
+            (unit quaternions), "reactions", and results of elements, such as "tension".
+        nodes: nodes whose histories are kept; default: all.
+        halvings: how often a step that fails may be divided in two; the result says in how many
+            parts each step was divided (`Transient.parts`). Default 0: it fails.
+        gravity: acceleration that weights are divided by, m/s2; default 9.80665.
+        distribution: of the mass of an element: "lumped", "consistent", or "mean" of both, as is
+            None. Those of beams have the translations of their ends only, linear in between.
+        method: `Newton`, whose tolerance is that of every step.
+
+    Returns:
+        `Transient`.
+
+    Raises:
+        ValueError: wrong arguments; elements or loads that a scheme does not know; a time of
+            removal that is no whole number of steps.
+
+    Source: Chung, Hulbert, J. Appl. Mech. 60 (1993) 371; Bruels, Cardona, J. Comput. Nonlinear Dyn.
+    5 (2010) 031002.
+
+    Example:
+        A pendulum of 1 m falls from the horizontal: at the bottom its speed is ``sqrt(2 g l)``.
+
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], rope, supports=jc.pinned([0]))
+        >>> bob = jc.PointMasses([1], 2.0)
+        >>> times = {"dt": 0.005, "steps": 150, "spectral_radius": 0.8}
+        >>> wanted = ["displacement", "velocity"]
+        >>> moved = jc.dynamics.transient(structure, bob, **times, masses=bob, histories=wanted)
+        >>> speed = jnp.linalg.norm(moved.velocity[:, 1], axis=1).max()
+        >>> print(moved.status, f"{speed:.2f} m/s, {np.sqrt(2 * 9.80665):.2f}")
+        0 4.43 m/s, 4.43
+    """
+    checks.require_whole_number(steps, "steps")
+    checks.require_whole_number(halvings, "halvings", 0)
+    checks.require_one_of(scheme, "scheme", SCHEMES)
+    duration = nan_if_broken(positive("dt", checks.as_scalar(dt, "dt")))
+    radius = checks.as_scalar(spectral_radius, "spectral_radius")
+    text = "must be from 0 to 1"
+    radius = nan_if_broken(Rule("spectral_radius", radius, lambda v: (v < 0) | (v > 1), text))
+    gravity = nan_if_broken(positive("gravity", gravity))
+    method = Newton() if method is None else method
+    dampings = as_dampings(damping, structure)
+    count = structure.n_node
+    times = jnp.arange(steps + 1) * jnp.asarray(duration)
+    kept, forces = _split_loads(loads, structure, times)
+    phase = Phase(loads=kept or None, increments=steps)
+    coupled = coupled_rows(structure, dampings)
+    conserves = scheme == "energy-momentum"
+    if conserves:
+        require_conserving(structure, kept, start)
+    coupling: Any = {"coupled": coupled, "symmetric": not conserves}
+    task = prepare(structure, phase, method, start, to_end=True, **coupling)
+    wide = (count, 6) if structure.space.rotates else (count, 3)
+    if velocity is not None:
+        velocity = checks.floats_of_shape(velocity, "velocity", (count, 3), wide)
+    base = None
+    if base_acceleration is not None:
+        base = _in_time(base_acceleration, "base_acceleration", times, (3,))
+    stays, first = None, steps
+    release: ArrayLike = 0.0
+    if removes is not None:
+        gone = element_masks(removes.elements, structure, "removes.elements")
+        stays = task.bundles.join([~one for one in gone])
+        first, release = _step_of_removal(removes, duration, steps), removes.duration
+    data = MotionData(
+        duration=duration,
+        radius=radius,
+        gravity=gravity,
+        masses=None if masses is None else nodal_masses(structure, masses),
+        velocity=velocity,
+        forces=forces,
+        base=base,
+        dampings=dampings,
+        stays=stays,
+        release=release,
+    )
+    plan = MotionPlan(
+        bundles=task.bundles,
+        steps=steps,
+        first=first,
+        histories=_checked_histories(histories, structure),
+        nodes=None if nodes is None else _chosen_nodes(nodes, count),
+        n_node=count,
+        distribution=distribution,
+        halvings=halvings,
+        conserves=conserves,
+    )
+    found = compute_motion(
+        task.without_indices, task.arrays, task.method, task.code, data, plan=plan
+    )
+    arranged = {
+        name: values if name in NODAL_HISTORIES else structure.arrange(values)
+        for name, values in found.histories.items()
+    }
+    return Transient(found.codes[-1], found.codes, found.parts, times, found.energy, arranged)
+
+
+def _split_loads(loads, structure, times):
+    """Split the argument `loads` into loads of the package and the sum of forces in time."""
+    given = [] if loads is None else loads
+    given = list(given) if isinstance(given, list | tuple) else [given]
+    kept, forces = [], None
+    shapes = [(structure.n_node, 3)] + [(structure.n_node, 6)] * structure.space.rotates
+    for k, one in enumerate(given):
+        if isinstance(one, Varying):
+            kept.append(one)
+        elif isinstance(one, Load):
+            kept.append(Varying(one, (0.0, 1.0), (1.0, 1.0)))
+        else:
+            values = jnp.asarray(_in_time(one, f"loads[{k}]", times, *shapes))
+            if values.shape[-1] < shapes[-1][-1]:
+                values = jnp.pad(values, [(0, 0), (0, 0), (0, 3)])
+            forces = values if forces is None else forces + values
+    return kept, forces
+
+
+def _in_time(given, name, times, *shapes):
+    """Return values in time, [steps + 1, ...], of an array or of a function of time, s."""
+    if callable(given):
+        return _in_time(jax.vmap(given)(times), f"{name}(time)", times, *shapes)
+    return checks.floats_of_shape(given, name, *((len(times), *shape) for shape in shapes))
+
+
+def _step_of_removal(removes, duration, steps):
+    """Return after how many steps elements are removed; ValueError if that is no whole number."""
+    time, step = (checks.array_if_known(v) for v in (removes.time, duration))
+    if time is not None and time == 0:
+        return 0
+    if time is None or step is None:
+        raise ValueError("removes.time, dt: are traced; the step of a removal is topology")
+    number = float(time) / float(step)
+    if abs(number - round(number)) > 1e-6 or round(number) > steps:
+        raise ValueError(
+            f"removes.time = {time}: expected a whole number of steps of {step} s, up to {steps}"
+        )
+    return round(number)
+
+
+def _checked_histories(names, structure):
+    """Return the names of histories as a tuple; ValueError for one that nothing has."""
+    names = (names,) if isinstance(names, str) else tuple(names)
+    known = [*NODAL_HISTORIES, "tension", "peak_tension"]
+    known += [result.name for group in structure.groups for result in group.results]
+    for name in names:
+        if name == "rotation" and not structure.space.rotates:
+            raise ValueError('histories: has "rotation", but nodes of this structure do not rotate')
+        if name not in known:
+            raise ValueError(f"histories: {name!r} is unknown{checks.suggest_names(name, known)}")
+    return names
+
+
+def _chosen_nodes(nodes, count):
+    """Return node numbers as `Indices`."""
+    array = np.atleast_1d(np.asarray(nodes))
+    checks.require_known_nodes(array, count, "nodes")
+    return Indices(array.astype(np.int32))
