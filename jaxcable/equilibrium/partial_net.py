@@ -11,7 +11,10 @@ iteration; they begin with the tensions that the interior-point method has found
 
 Other elements need not have a convex energy. If the matrix of an interior-point step is not
 positive definite, the step is repeated: first without the geometric stiffness of bars in
-compression, then with a shift of the diagonal that grows from try to try.
+compression, then with a shift of the diagonal that grows from try to try. Repeats count as steps,
+and only `max_steps` ends them. Where the tangent is unsymmetric, an indefinite symmetric part says
+little: displacements take such a step, and only the tensions are those of a step that is repeated.
+(To repeat it whole, or to take it whole, needs more steps: tests/equilibrium/test_partial_net.py.)
 """
 
 from __future__ import annotations
@@ -178,9 +181,11 @@ class PartialNet:
         Args:
             x: motion of all nodes (rows) before the step.
             step: the solution, [n_free].
-            definite: whether the matrix was positive definite. If not, an interior-point step is
-                not taken but repeated: tensions stay as they are, `indefinite_count` grows by one,
-                and if it was not zero, the damping grows, too.
+            definite: whether the symmetric part of the matrix was positive definite. If not, an
+                interior-point step is repeated: tensions and slacks stay as they are,
+                `indefinite_count` grows by one, and if it was not zero, the damping grows, too.
+                Displacements stay as well, unless the tangent is unsymmetric
+                (`StructureSteps.make_step`).
             equations: linear equations of the cables, whose solution `step` is.
 
         Returns:
@@ -191,11 +196,11 @@ class PartialNet:
         refused = before.uses_interior_point & ~definite
         damped = before.indefinite_count > 0
         damping = jnp.where(damped, equations.next_damping(True), before.interior_point.damping)
-        again = copy_with(before.interior_point, damping=damping)
+        same = copy_with(before.interior_point, damping=damping)
         count: Int[Array, ""] = jnp.where(refused, before.indefinite_count + 1, 0)
         after = copy_with(
             after,
-            interior_point=select_tree(refused, again, after.interior_point),
+            interior_point=select_tree(refused, same, after.interior_point),
             blocked_steps=jnp.where(refused, before.blocked_steps, after.blocked_steps),
             indefinite_count=count,
         )

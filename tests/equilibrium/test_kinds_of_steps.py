@@ -7,7 +7,7 @@ from banks import bar_bank, net_bank, unsymmetric_bank
 from modes import LISTENER, STEPS
 
 import jaxcable as jc
-from jaxcable.equilibrium.iteration import EquilibriumSearch
+from jaxcable.equilibrium.iteration import NewtonIteration
 
 NEEDED_BY = {  # kinds of steps: bank, kind of scene, seed
     ("mixed",): (net_bank, "net", 0),
@@ -22,7 +22,7 @@ NEEDED_BY = {  # kinds of steps: bank, kind of scene, seed
 
 @pytest.fixture
 def listening(monkeypatch):
-    monkeypatch.setattr(EquilibriumSearch, "iterate", EquilibriumSearch.iterate)
+    monkeypatch.setattr(NewtonIteration, "iterate", NewtonIteration.iterate)
     jc.forget_programs()  # they would not tell
     modes.listen()
     LISTENER.forget()
