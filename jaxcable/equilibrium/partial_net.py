@@ -13,8 +13,7 @@ Other elements need not have a convex energy. If the matrix of an interior-point
 positive definite, the step is repeated: first without the geometric stiffness of bars in
 compression, then with a shift of the diagonal that grows from try to try. Repeats count as steps,
 and only `max_steps` ends them. Where the tangent is unsymmetric, an indefinite symmetric part says
-little: displacements take such a step, and only the tensions are those of a step that is repeated.
-(To repeat it whole, or to take it whole, needs more steps: tests/equilibrium/test_partial_net.py.)
+little of a step: it is taken.
 """
 
 from __future__ import annotations
@@ -174,26 +173,24 @@ class PartialNet:
         return jnp.where(replaced, tensions, predicted)
 
     def take_step(
-        self, x: Motion, step: Step, definite: Bool[Array, ""], equations: LengthBoundEquations
+        self, x: Motion, step: Step, sound: Bool[Array, ""], equations: LengthBoundEquations
     ) -> tuple[TensionUnknowns, Float[Array, ""]]:
         """Update the tensions of the cables by a step, the solution of the linear equations.
 
         Args:
             x: motion of all nodes (rows) before the step.
             step: the solution, [n_free].
-            definite: whether the symmetric part of the matrix was positive definite. If not, an
-                interior-point step is repeated: tensions and slacks stay as they are,
+            sound: whether the matrix is positive definite, or unsymmetric and regular. If not, an
+                interior-point step is not taken but repeated: tensions stay as they are,
                 `indefinite_count` grows by one, and if it was not zero, the damping grows, too.
-                Displacements stay as well, unless the tangent is unsymmetric
-                (`StructureSteps.make_step`).
             equations: linear equations of the cables, whose solution `step` is.
 
         Returns:
             `TensionUnknowns` after the step; the fraction of it that displacements are to take.
         """
         before = equations.unknowns
-        after, fraction, _ = equations.take_step(self.net, x, step, definite)
-        refused = before.uses_interior_point & ~definite
+        after, fraction, _ = equations.take_step(self.net, x, step, sound)
+        refused = before.uses_interior_point & ~sound
         damped = before.indefinite_count > 0
         damping = jnp.where(damped, equations.next_damping(True), before.interior_point.damping)
         same = copy_with(before.interior_point, damping=damping)

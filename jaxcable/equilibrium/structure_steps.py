@@ -207,24 +207,27 @@ class StructureSteps(StepMethod):
         )
         given = system, matrix, rhs, max_abs(point.residual) / point.scale, self.convergence.tol
         step, definite, factored = newton_direction(*given, state.factored, wanted, similar)
-        slope = point.residual @ step
+        slope, full_steps = point.residual @ step, own.full_steps
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
             predicted, fraction, cut = predicted.after_step(
                 system, chords, row_step, tangents, predicting
             )
             slope = slope - cut
+        if full_steps is not None:
+            unsure = system.unsymmetric() & ~definite
         if unknowns is not None:
-            unknowns, part = self.partial_net.take_step(point.x, step, definite, equations)
+            sound = definite
+            if full_steps is not None:  # a singular unsymmetric matrix gives NaN
+                sound = definite | (unsure & jnp.isfinite(slope))
+            unknowns, part = self.partial_net.take_step(point.x, step, sound, equations)
             repeats, fraction = unknowns.indefinite_count > 0, jnp.minimum(fraction, part)
             if predicted is not None:
                 force = self.partial_net.predicted_forces(predicted.force, unknowns)
                 predicted = copy_with(predicted, force=force)
         step, slope = fraction * step, fraction * slope
-        usable, full_steps = definite & ((slope < 0) | without_search), own.full_steps
+        usable = definite & ((slope < 0) | without_search)
         if full_steps is not None:
-            # also in interior steps, whose tensions stay: `PartialNet.take_step`
-            unsure = system.unsymmetric() & ~definite
             usable = usable | unsure
             full_steps = copy_with(full_steps, may_go_uphill=unsure & ~without_search)
         usable = usable & jnp.isfinite(slope) & ~converged
