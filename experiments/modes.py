@@ -77,11 +77,11 @@ class Listener:
 LISTENER = Listener()
 
 
-def kind_of_step(search, state):
+def kind_of_step(newton, state):
     """Number of the kind of the step that a state is about to try."""
     strategy, names = state.strategy, {name: k for k, name in enumerate(STEPS)}
     unknowns = strategy.unknowns
-    if search.system.is_net:
+    if newton.system.is_net:
         of = "cones" if unknowns.has_cones else "bounds"
         modes = [names["mixed"], names[of], names[f"{of}' finish"], names["search"]]
         return jnp.array(modes)[unknowns.mode]
@@ -93,6 +93,7 @@ def kind_of_step(search, state):
     if unknowns is not None:
         kind = jnp.where(unknowns.uses_interior_point, names["bounds"], kind)
         kind = jnp.where(unknowns.takes_finishing_steps, names["bounds' finish"], kind)
+        kind = jnp.where(unknowns.uses_line_search, names["search"], kind)
     if full_steps is not None:
         kind = jnp.where(full_steps.is_on, names["full"], kind)
     return kind
@@ -100,7 +101,7 @@ def kind_of_step(search, state):
 
 def listen():
     """Have every iteration tell `LISTENER`."""
-    iterate = iteration.EquilibriumSearch.iterate
+    iterate = iteration.NewtonIteration.iterate
 
     @functools.wraps(iterate)
     def told(self, state):
@@ -110,7 +111,7 @@ def listen():
         jax.debug.callback(LISTENER.hear, *given)
         return after
 
-    iteration.EquilibriumSearch.iterate = told
+    iteration.NewtonIteration.iterate = told
 
 
 def banks(count):

@@ -22,17 +22,18 @@ from ..mechanics.assembly import System
 from ..mechanics.tension_responses import CableTensions, prescribed_tensions
 from ..numerics.cones import nesterov_todd_scaling, norm, repeat_for_vectors
 from ..spaces.space import Motion
+from .globalization import MIXED_SHIFT
+from .interior_methods import BLOCKED
 from .newton_step import max_abs
 
-_BLOCKED = 0.05  # a step of which a smaller fraction is taken is blocked by the boundary
 _NET_STIFFNESS = 1e-4  # stiffness c that decides which cables are active, over tension per length
-_MAX_MOTION = 0.5  # largest relative motion of the ends of a piece in a finishing step, in lengths
+# Largest relative motion of the ends of a piece in a finishing step, in lengths.
+_MAX_FINISHING_MOTION = 0.5
 # Largest stiffness of a cable in finishing steps: tension per length over so many roundings (eps),
 # and the factor by which it grows with each step. Above it, rounding would hide what tensions
 # resist.
 _STIFFNESS_LIMIT, _LIMIT_GROWTH = 64.0, 4.0
 _MIN_SHIFT = 32.0  # least Levenberg shift over tension per length, in roundings (eps)
-_SHIFT = 1e-6  # Levenberg shift over tension per length
 
 
 @pytree
@@ -218,7 +219,7 @@ class ConicEquations:
         force = jnp.max(self.guess) + self.load
         # rounding of the forces then moves nodes without stiffness by some part of a length only
         least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force
-        shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
+        shift = jnp.maximum(MIXED_SHIFT * jnp.minimum(residual, force), least) / self.length
         shift = jnp.where(unknowns.uses_interior_point, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
@@ -251,7 +252,7 @@ class ConicEquations:
         )
 
         def newton_step():
-            far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
+            far = jnp.max(norm(moved)) / (_MAX_FINISHING_MOTION * self.length)
             fraction = jnp.where(unknowns.takes_finishing_steps, 1 / jnp.maximum(far, 1.0), 1.0)
             guess = jnp.where(unknowns.takes_finishing_steps, now, jnp.maximum(now, 0.0))
             after = copy_with(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
@@ -261,7 +262,7 @@ class ConicEquations:
             unknowns = own.unknowns
             inner, fraction, predicted = unknowns.interior_point.take_half_step(own, *given)
             blocked = unknowns.blocked_steps
-            short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
+            short = jnp.where(fraction < BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
             after = copy_with(
                 unknowns,
                 interior_point=inner,

@@ -59,14 +59,12 @@ from ..numerics.cones import (
     slack_after_step,
 )
 from ..spaces.space import Motion
-from .finish_decision import FinishDecision
+from .interior_methods import MAX_INTERIOR_STEPS, UNLOADED, FinishDecision
 
-_MAX_STEPS = 100  # interior steps; a slack net of 60 x 60 nodes takes 33 in all
 # Power of eps: m over tension and length from which finishing steps are tried. With a larger power
 # interior steps run out of digits, with a smaller one the active set is not yet clear.
 _FINISH_POWER = 0.77
 _STUCK = 1e-6, 10.0  # m, and m over that of the finish, below which two blocked steps end it, too
-_UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
 _INITIAL_SLACK = 0.1  # by how much bounds exceed lengths at the start, in unstressed lengths
 _TO_BOUNDARY = 0.98  # fraction of the way to the boundary that a step may go
 _MIN_CENTERING = 1e-6  # least m of a predictor step over that of its start
@@ -130,7 +128,7 @@ class ConicInteriorPointState:
             x: motion of all nodes (rows).
         """
         size, base, load = norm(equations.vector), equations.base_tension, equations.load
-        load = jnp.where(load > 0, load, _UNLOADED * jnp.max(base))
+        load = jnp.where(load > 0, load, UNLOADED * jnp.max(base))
         loads = jnp.sum(jnp.abs(system.space.restrict(system.external_force(x), x)))
         tension = jnp.full_like(base, jnp.maximum(load, jnp.sqrt(load * loads)))
         if equations.jacked is not None:
@@ -159,7 +157,7 @@ class ConicInteriorPointState:
     def decide_finish(
         self,
         unknowns: Any,
-        finite: Bool[Array, ""],
+        accepted: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
         relative_residual: Float[Array, ""],
         length: Float[Array, ""],
@@ -172,7 +170,7 @@ class ConicInteriorPointState:
         remaining = self.product / (least * length * self.force_scale)
         most = max(_STUCK[0] / least, _STUCK[1])
         stuck = (unknowns.blocked_steps >= 2) & (remaining < most)
-        final = ~finite | (unknowns.steps_in_mode >= _MAX_STEPS)
+        final = ~accepted | (unknowns.steps_in_mode >= MAX_INTERIOR_STEPS)
         now = (remaining <= unknowns.finish_threshold) | stuck | final
         return FinishDecision(now, stuck, remaining, final=final)
 

@@ -1,7 +1,20 @@
-"""Globalization of Newton's method: two small strategies, independent of each other.
+"""Globalization of Newton's method: the Levenberg shift, and steps without line search.
 
 Each is a pytree of numbers with ``initial`` for its first value and ``update`` for the value after
 an iteration of `newton.equilibrate`. They change the steps, never the equilibrium that is found.
+The other parts of the globalization are the line search (`numerics.line_search`), the length to
+which a step is cut before it is tried (`predicted_forces`, `interior_point`, `conic_equations`),
+and the change from one kind of steps to another (`tension_unknowns.TensionUnknowns.switch_mode`).
+
+All shifts of the diagonal of a matrix:
+
+- `LevenbergShift`: structures that are no nets, and line searches of nets. It is zero in full steps
+  of structures with nodes that rotate; in all others full steps have it, too.
+- `MIXED_SHIFT`: all steps of nets but interior ones.
+- ``damping`` of `interior_point`: interior steps with bounds. Those with cones have none.
+- `TensionUnknowns.min_shift_in_eps`: the least shift in nets, in line searches and after indefinite
+  matrices.
+- `newton_step.stability_shift`: at an equilibrium, where only its stability is judged.
 """
 
 from __future__ import annotations
@@ -22,6 +35,7 @@ _MAX_RATIO = 0.9
 # and few enough to lose where it does not.
 _FULL_STEPS = 20
 ASTRAY = 10.0  # displacement, in structure sizes, at which full steps count as failed
+MIXED_SHIFT = 1e-6  # shift of mixed and finishing steps of nets, over tension per length
 
 
 @pytree
@@ -45,31 +59,31 @@ class LevenbergShift:
         """Return the shift, N/m, for the largest `residual`, N, and mean element `length`, m."""
         return self.kappa * residual / length
 
-    def update(self, accepted: Bool[Array, ""], fraction: Float[Array, ""]) -> LevenbergShift:
+    def update(self, accepted: Bool[Array, ""], length: Float[Array, ""]) -> LevenbergShift:
         """Return the next shift: smaller after a full step, larger after a short one or none.
 
         Args:
             accepted: whether a step was taken.
-            fraction: the fraction of the step that was taken, in (0, 1].
+            length: the length of the step that was taken (`LineSearch.length`), in (0, 1].
         """
-        factor = jnp.where(fraction >= 1, 0.1, jnp.where(fraction < 0.1, 10.0, 1.0))
+        factor = jnp.where(length >= 1, 0.1, jnp.where(length < 0.1, 10.0, 1.0))
         kappa = self.kappa * jnp.where(accepted, factor, 100.0)
         return LevenbergShift(jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX))
 
 
 @pytree
 class FullStepPhase:
-    """Up to 20 full Newton steps without line search, with which some iterations begin.
+    """Up to 20 full Newton steps without line search with which some iterations begin; and after.
 
     They are those of structures whose tangent can be unsymmetric, by rotations, following loads or
-    elements.
-    If they fail, the iteration starts again from its first point, with line search.
+    elements. If they fail, the iteration starts again from its first point, with line search. They
+    fail at an indefinite tangent if it is symmetric; an unsymmetric one they pass.
 
     Attributes:
         is_on: whether the iteration takes full steps without line search.
-        may_go_uphill: whether, later, the symmetric part of an unsymmetric tangent is not positive
-            definite, so that the step need not be a descent direction: it is tried whole, and taken
-            if it decreases the residual.
+        may_go_uphill: of the steps after this phase: whether the tangent is unsymmetric and its
+            symmetric part not positive definite, so that the step need not be a descent direction:
+            it is tried whole, and taken if it decreases the residual.
     """
 
     is_on: Bool[Array, ""]

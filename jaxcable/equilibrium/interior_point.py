@@ -41,21 +41,19 @@ from ..mechanics.tension_responses import (
     rest_lengths,
 )
 from ..spaces.space import Motion, Step
-from .finish_decision import FinishDecision
+from .globalization import MIXED_SHIFT
+from .interior_methods import BLOCKED, MAX_INTERIOR_STEPS, UNLOADED, FinishDecision
 
-_MAX_STEPS = 100  # interior steps
 # Steps without halving a residual below this part: rounding keeps it from falling.
 _STALLED_STEPS, _STALLED_BELOW = 6, 1e-2
-_SHIFT = 1e-6  # Levenberg shift of mixed steps over tension per length
 _TO_BOUND = 0.9995  # fraction of the way to the bound that a step may go
-_BLOCKED = 0.05  # a step of which a smaller fraction is taken is blocked by a bound
 _FIRST_TENSION = 0.1, 10.0  # least and largest tension at the start, over the load
-_UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
 _FIRST_SLACK = 0.1  # least slack at the start, in unstressed lengths
 _MIN_DAMPING = 0.1  # least damping, over tension per length
 _DAMPING_FACTOR = 10.0  # factor by which the damping changes
 _UNDAMPED = 1e-7  # part of the least damping below which there is none
-_MAX_MOTION = 1.0  # largest relative motion of the ends of a cable in an interior step, in lengths
+# Largest relative motion of the ends of a cable in an interior step, in lengths.
+_MAX_INTERIOR_MOTION = 1.0
 _MIN_CENTERING, _FIRST_CENTERING = 0.01, 0.2  # m over the mean of N y: least, and of the first step
 
 
@@ -89,7 +87,7 @@ class InteriorPointState:
     def decide_finish(
         self,
         unknowns: Any,
-        finite: Bool[Array, ""],
+        accepted: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
         relative_residual: Float[Array, ""],
         length: Float[Array, ""],
@@ -98,15 +96,15 @@ class InteriorPointState:
 
         Args:
             unknowns: `TensionUnknowns`.
-            finite: whether the last step led to finite forces.
+            accepted: whether the last step was accepted.
             steps_since_halved: steps since the residual was halved.
             relative_residual: residual over the force it is compared with.
             length: mean length of elements, m.
         """
         stalled = (steps_since_halved >= _STALLED_STEPS) & (relative_residual <= _STALLED_BELOW)
         stuck = (unknowns.blocked_steps >= 2) | stalled
-        now = finite & ((relative_residual <= unknowns.finish_threshold) | stuck)
-        failed = ((unknowns.steps_in_mode >= _MAX_STEPS) | ~finite) & ~now
+        now = accepted & ((relative_residual <= unknowns.finish_threshold) | stuck)
+        failed = ((unknowns.steps_in_mode >= MAX_INTERIOR_STEPS) | ~accepted) & ~now
         return FinishDecision(now, stuck, relative_residual, failed=failed)
 
 
@@ -191,7 +189,7 @@ class LengthBoundEquations:
     def _interior_step_equations(self, system, x, responses, assemble_residual):
         """Return the equations of an interior-point step at x, made from these of a mixed step."""
         unknowns, free = self.unknowns, ~self.jacked
-        first = jnp.maximum(self.load, _UNLOADED * jnp.max(responses.tension))
+        first = jnp.maximum(self.load, UNLOADED * jnp.max(responses.tension))
         least, most = (part * first for part in _FIRST_TENSION)
         # a first guess only: steps change it freely
         start = jnp.clip(responses.tension, least, most)
@@ -249,7 +247,7 @@ class LengthBoundEquations:
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
-        shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
+        shift = MIXED_SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
         shift = jnp.where(unknowns.uses_interior_point, unknowns.interior_point.damping, shift)
         return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
 
@@ -298,12 +296,12 @@ class LengthBoundEquations:
             _fraction_to_zero(inner.tension, change),
             _fraction_to_zero(inner.length_slack, wider),
         )
-        far = motion > _MAX_MOTION
-        far_fraction = jnp.where(far, _MAX_MOTION / jnp.where(far, motion, 1.0), 1.0)
+        far = motion > _MAX_INTERIOR_MOTION
+        far_fraction = jnp.where(far, _MAX_INTERIOR_MOTION / jnp.where(far, motion, 1.0), 1.0)
         fraction = jnp.minimum(fraction, far_fraction)
         shorter = jnp.minimum(of_tension, fraction)
         blocked = unknowns.blocked_steps
-        blocked = jnp.where(shorter < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
+        blocked = jnp.where(shorter < BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
         inner = InteriorPointState(
             tension=inner.tension + of_tension * change,
             length_slack=inner.length_slack + fraction * wider,

@@ -19,7 +19,7 @@ from .step_method import StepMethod, Trial
 from .structure_steps import StructureSteps
 
 
-class EquilibriumSearch:
+class NewtonIteration:
     """Newton's iteration to the equilibrium of a system: its constants, start, and one iteration.
 
     Args:
@@ -89,11 +89,11 @@ class EquilibriumSearch:
         tried = method.evaluate(state, x)
         carried = self.convergence.carried_residual(tried.scale, state.steps)
         tried = copy_with(tried, residual=tried.residual - carried)
-        strategy, fraction, fine, again = method.judge(state, tried)
+        strategy, length, fine, again = method.judge(state, tried)
         fine, again = fine | state.stays_at_point, again & ~state.stays_at_point
         point = select_tree(fine, tried, state.point)
         state = copy_with(state, point=point, strategy=strategy)
-        return state, Trial(fine & ~state.has_no_step, fraction, ~again)
+        return state, Trial(fine & ~state.has_no_step, length, ~again)
 
     def _check_convergence(self, state, trial, before):
         """Return the state with its status, and whether its residual is within the tolerances.

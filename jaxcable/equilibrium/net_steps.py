@@ -20,7 +20,7 @@ from .globalization import ASTRAY, LevenbergShift
 from .newton_state import Evaluation, NewtonState
 from .newton_step import max_abs, newton_direction
 from .step_method import Choice, NextStep, StepMethod, Trial, Verdict
-from .tension_unknowns import TensionUnknowns
+from .tension_unknowns import TensionUnknowns, largest_load
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
 _RELEASED_ROUNDINGS = 2.0
@@ -38,7 +38,7 @@ class NetStrategy:
 
     Attributes:
         unknowns: tensions as unknowns, and the kind of steps.
-        search: which fraction of a step is tried next, where the kind is a line search.
+        search: which length of a step is tried next, where the kind is a line search.
         shift: Levenberg shift of the matrix, likewise.
     """
 
@@ -123,7 +123,7 @@ class NetSteps(StepMethod):
         """Choose the kind of the next step (`TensionUnknowns.switch_mode`)."""
         point, own, unknowns = state.point, state.strategy, state.strategy.unknowns
         searches, first_shift = unknowns.uses_line_search, LevenbergShift.initial(point.x.dtype)
-        shift = select_tree(moved, own.shift.update(trial.accepted, trial.fraction), own.shift)
+        shift = select_tree(moved, own.shift.update(trial.accepted, trial.step_length), own.shift)
         shift = select_tree(searches, shift, first_shift)
         astray = self.system.largest_displacement(point.x) > ASTRAY * self.extent
         given = point, self.begin, trial.accepted, astray, self.length
@@ -139,9 +139,11 @@ class NetSteps(StepMethod):
 
         Arguments are those of `StepMethod.make_step`.
         """
-        system, point = self.system, state.point
-        given = system, point.x, point.elements, point.residual, self.length
-        equations = state.strategy.unknowns.step_equations(*given)
+        system, point, tension = self.system, state.point, state.point.elements.tension
+        load = largest_load(system, system.external_force(point.x), tension)
+        unknowns = state.strategy.unknowns.with_interior_mode_if_slack(tension, load)
+        given = system, point.x, point.elements, point.residual, load, self.length
+        equations = unknowns.step_equations(*given)
         unknowns, residual = equations.unknowns, max_abs(point.residual)
         shift = state.strategy.shift.value(residual, self.length)
         shift = jnp.where(unknowns.uses_line_search, shift, 0.0)
@@ -157,10 +159,11 @@ class NetSteps(StepMethod):
         if factored is not None:  # a corrector has the factor of its predictor
             count = jnp.where(unknowns.awaits_corrector, state.factored.count, factored.count)
             factored = copy_with(factored, count=count)
-        after, again = unknowns.repeat_if_indefinite(after, definite)
+        after, repeats = unknowns.repeat_if_indefinite(after, definite)
+        # a fraction that is NaN makes the step an unusable one
         step, stays = fraction * step, converged | is_predictor
         slope = point.residual @ step
         usable = definite & ((slope < 0) | ~unknowns.uses_line_search)
         usable = usable & jnp.isfinite(slope) & ~stays
         own = NetStrategy(after, LineSearch.init(slope), state.strategy.shift)
-        return NextStep(own, step, usable, again | is_predictor, ~stays, definite, factored)
+        return NextStep(own, step, usable, repeats | is_predictor, ~stays, definite, factored)

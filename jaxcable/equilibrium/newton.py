@@ -5,7 +5,8 @@ sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside th
 because stiff cables that swing let plain Newton steps creep: see `tension_unknowns`. Where Newton's
 method fails for them, an interior-point method follows, with a second-order cone for every straight
 piece (`conic_interior_point`): its steps hardly grow with the size of a net, nor with what is slack
-in it. Cables beside other elements have interior-point steps, too, where Newton's method no longer
+in it. Nets with hanging cables or other laws, and those in float32, have a bound on every length
+instead (`interior_point`). So have cables beside other elements, where Newton's method no longer
 makes progress: see `partial_net`. For all others:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Bars, and
@@ -14,8 +15,8 @@ makes progress: see `partial_net`. For all others:
    shift vanishes with the residual, so that convergence stays quadratic even where nodes without
    stiffness leave ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the
    matrix is not positive definite, the iteration only enlarges ``kappa``.
-2. Line search on the directional derivative (`search`), which needs no energy. Along any line the
-   energy of a structure of tension-only elements is convex.
+2. Line search on the directional derivative (`line_search`), which needs no energy. Along any line
+   the energy of a structure of tension-only elements is convex.
 3. Full steps first (`globalization.FullStepPhase`): a full Newton step often stretches elements
    that should only bend or swing, or slackens cables that the next step tightens. The energy rises,
    although the next full step corrects this; a line search would allow tiny steps only. Structures
@@ -23,9 +24,10 @@ makes progress: see `partial_net`. For all others:
    with up to 20 full Newton steps. If these fail, the iteration starts again with line search, or
    where there are cables beside other elements, with interior-point steps.
    (Where nodal moments, following loads or elements without a potential make the tangent
-   unsymmetric, all steps are by the whole of it. A full step may pass an indefinite tangent; after
-   this phase, a step by one whose symmetric part is indefinite is taken whole if it decreases the
-   residual, or else the shift grows.)
+   unsymmetric, all steps are by the whole of it. A full step may pass an indefinite tangent, but
+   not a symmetric one: there full steps have failed. After this phase, a step by an unsymmetric one
+   whose symmetric part is indefinite is taken whole if it decreases the residual, or else the shift
+   grows.)
 4. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
    is made where they do not reach it in a few steps (`linear.solve_reusing_factor`).
@@ -58,7 +60,7 @@ from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
 from .convergence import AddedLoadCriterion, IterationSettings, residual_tolerance
 from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
-from .iteration import EquilibriumSearch
+from .iteration import NewtonIteration
 from .newton_step import (
     CG_LIMIT,
     max_abs,
@@ -86,7 +88,8 @@ class Newton:
               ``8 eps^2 u/L EA``. Where it is more than 1 % of the forces of a net under load, the
               status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
-            more exactly why: AT_ROUNDING, COLLAPSED.
+            more exactly why: AT_ROUNDING (which can end an increment before, see `convergence`),
+            COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
             (MKL, if `pypardiso` is installed); None chooses by size: dense up to 150 unknowns,
             LAPACK's banded solver for nets of some hundred, else what is installed of PARDISO,
@@ -184,7 +187,7 @@ def _iterate_until_done(
     criterion=None,
     only_evaluates=False,
 ):
-    """Return the `NewtonState` in which Newton's method ends; arguments as of `EquilibriumSearch`.
+    """Return the `NewtonState` in which Newton's method ends; arguments as of `NewtonIteration`.
 
     Nets with softening laws begin with laws that do not soften (`Law.without_softening`), which
     make their energy convex. If this equilibrium is below the peaks of all laws, it is the one that
@@ -193,10 +196,10 @@ def _iterate_until_done(
     """
 
     def iterate(system, x, active, factored, steps):
-        search = EquilibriumSearch(system, x, method, judges_stability, criterion, only_evaluates)
-        start = search.initial_state(factored, steps)
-        end = lax.while_loop(lambda it: active & ~it.done, search.iterate, start)
-        carried = search.convergence.carried_residual(end.point.scale, end.steps)
+        newton = NewtonIteration(system, x, method, judges_stability, criterion, only_evaluates)
+        start = newton.initial_state(factored, steps)
+        end = lax.while_loop(lambda it: active & ~it.done, newton.iterate, start)
+        carried = newton.convergence.carried_residual(end.point.scale, end.steps)
         return end.with_point(residual=end.point.residual + carried)
 
     if any(group.is_chain for group in system.groups):
@@ -250,9 +253,9 @@ def _iterate_with_friction(iterate, system, x, active, factored):
     plain = iterate(without_friction(system), x, failed, direct.factored, none)
     found = failed & (plain.code == status.OK)
     near = select_tree(found, drop_low_part(plain.point.x), x)
-    again = iterate(system, near, found, plain.factored, none)
-    steps = direct.steps + plain.steps + again.steps
-    return copy_with(select_tree(found, again, direct), steps=steps)
+    begun_near = iterate(system, near, found, plain.factored, none)
+    steps = direct.steps + plain.steps + begun_near.steps
+    return copy_with(select_tree(found, begun_near, direct), steps=steps)
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:

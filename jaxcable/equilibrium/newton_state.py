@@ -36,13 +36,18 @@ class Evaluation:
 class NewtonState:
     """State of Newton's iteration: the last accepted point, the next step, and how it was found.
 
+    Two bools say what the next iteration does: try the `step`; if `stays_at_point`, evaluate the
+    point itself, before a step is made from there, once more or for the first time; and if it also
+    `has_no_step`, go on as after a step that was refused, with a larger shift or steps of another
+    kind.
+
     Attributes:
         point: `Evaluation` of the last accepted point.
         step: the step from there, [n_free]; zeros where `stays_at_point`.
         stays_at_point: whether the next evaluation is at the point itself: at the start, when the
             iteration goes on from another point, and when no usable step was found.
-        has_no_step: whether the reason for that is that no usable step was found, and none will be
-            made from the same point in another way.
+        has_no_step: whether the reason for that is that no usable step was found, and the method
+            did not ask to repeat it (`step_method.NextStep`).
         strategy: state of the method that makes the steps (`step_method`).
         progress: `Progress` towards convergence.
         steps: number of Newton steps so far.

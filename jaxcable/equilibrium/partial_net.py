@@ -11,7 +11,9 @@ iteration; they begin with the tensions that the interior-point method has found
 
 Other elements need not have a convex energy. If the matrix of an interior-point step is not
 positive definite, the step is repeated: first without the geometric stiffness of bars in
-compression, then with a shift of the diagonal that grows from try to try.
+compression, then with a shift of the diagonal that grows from try to try. Repeats count as steps,
+and only `max_steps` ends them. Where the tangent is unsymmetric, an indefinite symmetric part says
+little of a step: it is taken.
 """
 
 from __future__ import annotations
@@ -171,31 +173,31 @@ class PartialNet:
         return jnp.where(replaced, tensions, predicted)
 
     def take_step(
-        self, x: Motion, step: Step, definite: Bool[Array, ""], equations: LengthBoundEquations
+        self, x: Motion, step: Step, sound: Bool[Array, ""], equations: LengthBoundEquations
     ) -> tuple[TensionUnknowns, Float[Array, ""]]:
         """Update the tensions of the cables by a step, the solution of the linear equations.
 
         Args:
             x: motion of all nodes (rows) before the step.
             step: the solution, [n_free].
-            definite: whether the matrix was positive definite. If not, an interior-point step is
-                not taken but repeated: tensions stay as they are, `indefinite_count` grows by one,
-                and if it was not zero, the damping grows, too.
+            sound: whether the matrix is positive definite, or unsymmetric and regular. If not, an
+                interior-point step is not taken but repeated: tensions stay as they are,
+                `indefinite_count` grows by one, and if it was not zero, the damping grows, too.
             equations: linear equations of the cables, whose solution `step` is.
 
         Returns:
             `TensionUnknowns` after the step; the fraction of it that displacements are to take.
         """
         before = equations.unknowns
-        after, fraction, _ = equations.take_step(self.net, x, step, definite)
-        refused = before.uses_interior_point & ~definite
+        after, fraction, _ = equations.take_step(self.net, x, step, sound)
+        refused = before.uses_interior_point & ~sound
         damped = before.indefinite_count > 0
         damping = jnp.where(damped, equations.next_damping(True), before.interior_point.damping)
-        again = copy_with(before.interior_point, damping=damping)
+        same = copy_with(before.interior_point, damping=damping)
         count: Int[Array, ""] = jnp.where(refused, before.indefinite_count + 1, 0)
         after = copy_with(
             after,
-            interior_point=select_tree(refused, again, after.interior_point),
+            interior_point=select_tree(refused, same, after.interior_point),
             blocked_steps=jnp.where(refused, before.blocked_steps, after.blocked_steps),
             indefinite_count=count,
         )

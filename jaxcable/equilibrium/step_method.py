@@ -26,20 +26,23 @@ from .convergence import Convergence
 from .newton_state import Evaluation, NewtonState
 
 Verdict: TypeAlias = 'tuple[Bool[Array, ""], Bool[Array, ""]]'
-"""Whether a point is accepted, and whether to try another fraction of the step."""
+"""Whether a point is accepted, and whether to try another length of the step."""
 
 
 class Trial(NamedTuple):
-    """Verdict on a trial point: whether it is accepted, and at which fraction of the step.
+    """Verdict on a trial point: whether it is accepted, and at which length of the step.
 
     Attributes:
-        accepted: whether the iteration goes to this point.
-        fraction: fraction of the step that was tried, from 0 to 1.
-        search_over: whether no other fraction of the same step is to be tried.
+        accepted: whether the iteration goes to this point. False, too, after `NextStep` was neither
+            usable nor repeated: then there was no trial, and what is decided is that on a step
+            that was refused.
+        step_length: the length of the line search that was tried, as a part of the step, from 0
+            to 1.
+        search_over: whether no other length of the same step is to be tried.
     """
 
     accepted: Bool[Array, ""]
-    fraction: Float[ArrayLike, ""]
+    step_length: Float[ArrayLike, ""]
     search_over: Bool[Array, ""]
 
 
@@ -62,9 +65,10 @@ class NextStep(NamedTuple):
 
     Attributes:
         strategy: state of the method.
-        step: the step, [n_free].
+        step: the step, [n_free], already cut to the fraction that may be tried.
         usable: whether it is to be tried.
         repeats: whether it is no failure if it is not: another one is made from the same point.
+            Without this an unusable step counts as one that was refused.
         counts: whether it is one of the steps that are counted: not if it only judges stability, or
             is the first half of a step.
         definite: whether the symmetric part of its matrix is positive definite.
@@ -104,7 +108,7 @@ class StepMethod:
         raise NotImplementedError
 
     def trial_point(self, state: NewtonState) -> Motion:
-        """Return the motion after the fraction of the step that is tried."""
+        """Return the motion after the length of the step that is tried."""
         return self.system.move(state.point.x, state.strategy.search.length * state.step)
 
     def evaluate_at(self, x: Motion, exact: Bool[ArrayLike, ""]) -> Evaluation:
@@ -121,8 +125,8 @@ class StepMethod:
         """Judge a trial point: by its line search, unless `accept` says otherwise.
 
         Returns:
-            State of the method; the fraction of the step that was tried; whether the point is
-            accepted; whether to try another fraction.
+            State of the method; the length of the step that was tried; whether the point is
+            accepted; whether to try another length.
         """
         own, slope = state.strategy, self.energy_slope(state, tried)
         slope = jnp.where(jnp.isfinite(tried.scale), slope, jnp.inf)
@@ -135,7 +139,7 @@ class StepMethod:
         return tried.residual @ state.step
 
     def accept(self, state: NewtonState, tried: Evaluation, searched: Verdict) -> Verdict:
-        """Return whether a point is accepted, and whether to try another fraction.
+        """Return whether a point is accepted, and whether to try another length of the step.
 
         Args:
             state, tried: `NewtonState` and the `Evaluation` at the point.

@@ -3,8 +3,8 @@
 The matrix is the tangent stiffness with three changes: elements with a chord have the geometric
 stiffness of their predicted axial forces (`predicted_forces`), cables beside other elements have
 the stiffness of the interior-point method in its steps (`partial_net`), and the diagonal is
-shifted. `globalization` decides which steps are accepted: full ones first where they pay, then
-those of a line search.
+shifted. `globalization` lists all shifts, and decides which steps are accepted: full ones first
+where they pay, then those of a line search.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class StructureStrategy:
     """State of `StructureSteps`.
 
     Attributes:
-        search: which fraction of the step is tried next (`line_search.LineSearch`).
+        search: which length of the step is tried next (`line_search.LineSearch`).
         shift: Levenberg shift of the tangent.
         full_steps: `FullStepPhase` of structures that begin with full steps, else None.
         unknowns: tensions as unknowns, of cables beside other elements; None without such cables.
@@ -155,52 +155,52 @@ class StructureSteps(StepMethod):
         """Choose the shift, whether full steps go on, and whether cables get interior steps."""
         own, x, no = state.strategy, state.point.x, jnp.zeros((), bool)
         reach = self.system.largest_displacement(x)
-        first_shift, again = LevenbergShift.initial(x.dtype), no
-        shift = own.shift.update(trial.accepted, trial.fraction)
+        first_shift, restarts = LevenbergShift.initial(x.dtype), no
+        shift = own.shift.update(trial.accepted, trial.step_length)
         shift, full_steps = select_tree(moved, shift, own.shift), own.full_steps
         predicted = own.predicted
         if predicted is not None:
             predicted = predicted.after_trial(trial.accepted, moved)
         if full_steps is not None:
             given = trial.accepted, reach, state.steps, self.extent, converged
-            new, again = full_steps.update(*given)
-            full_steps, again = select_tree(moved, new, full_steps), moved & again
-            x, shift = select_tree(again, (self.begin, first_shift), (x, shift))
+            new, restarts = full_steps.update(*given)
+            full_steps, restarts = select_tree(moved, new, full_steps), moved & restarts
+            x, shift = select_tree(restarts, (self.begin, first_shift), (x, shift))
         unknowns = own.unknowns
         if unknowns is not None:
             may_switch = moved & ~converged & ~unknowns.uses_line_search
             astray = reach > ASTRAY * self.extent
             at = copy_with(state.point, x=x), self.begin
             new, start, elsewhere = unknowns.switch_mode(
-                *at, trial.accepted, astray, self.length, full_steps_failed=again
+                *at, trial.accepted, astray, self.length, full_steps_failed=restarts
             )
             unknowns, x = select_tree(may_switch, (new, start), (unknowns, x))
             elsewhere = may_switch & elsewhere
-            again, changed = again | elsewhere, unknowns.mode != own.unknowns.mode
+            restarts, changed = restarts | elsewhere, unknowns.mode != own.unknowns.mode
             shift = select_tree(changed, first_shift, shift)
             if full_steps is not None:
                 full_steps = copy_with(full_steps, is_on=full_steps.is_on & ~changed)
             if predicted is not None:
                 predicted = copy_with(predicted, is_known=predicted.is_known & ~elsewhere)
         after = StructureStrategy(own.search, shift, full_steps, unknowns, predicted)
-        return Choice(after, x, again)
+        return Choice(after, x, restarts)
 
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
         """Make the next step; at an equilibrium only find out whether the tangent is definite."""
         own, system, point = state.strategy, self.system, state.point
-        is_full, again = jnp.zeros((), bool), jnp.zeros((), bool)
+        is_full, repeats = jnp.zeros((), bool), jnp.zeros((), bool)
         fraction: Float[ArrayLike, ""] = 1.0
         if own.full_steps is not None:
             is_full = own.full_steps.is_on & ~converged
         given = self._matrix(state, is_full, converged)
         matrix, predicting, tangents, equations, chords, springs = given
         rhs, unknowns, predicted = -point.residual, own.unknowns, own.predicted
-        similar = system.convex
+        similar, without_search = system.convex, is_full
         if unknowns is not None:
             rhs, similar = equations.rhs, similar & ~unknowns.has_interior_matrix
-            is_full = is_full | unknowns.takes_interior_or_finishing_steps
+            without_search = is_full | unknowns.takes_interior_or_finishing_steps
         if springs is not None:
             rhs = rhs - springs
         matrix = cond_in_batch(
@@ -208,31 +208,35 @@ class StructureSteps(StepMethod):
         )
         given = system, matrix, rhs, max_abs(point.residual) / point.scale, self.convergence.tol
         step, definite, factored = newton_direction(*given, state.factored, wanted, similar)
-        slope = point.residual @ step
+        slope, full_steps = point.residual @ step, own.full_steps
         if predicted is not None:
             row_step = system.space.prolong(point.x, step)
             predicted, fraction, cut = predicted.after_step(
                 system, chords, row_step, tangents, predicting
             )
             slope = slope - cut
+        if full_steps is not None:
+            unsure = system.unsymmetric() & ~definite
         if unknowns is not None:
-            unknowns, part = self.partial_net.take_step(point.x, step, definite, equations)
-            again, fraction = unknowns.indefinite_count > 0, jnp.minimum(fraction, part)
+            sound = definite
+            if full_steps is not None:  # a singular unsymmetric matrix gives NaN
+                sound = definite | (unsure & jnp.isfinite(slope))
+            unknowns, part = self.partial_net.take_step(point.x, step, sound, equations)
+            repeats, fraction = unknowns.indefinite_count > 0, jnp.minimum(fraction, part)
             if predicted is not None:
                 force = self.partial_net.predicted_forces(predicted.force, unknowns)
                 predicted = copy_with(predicted, force=force)
         step, slope = fraction * step, fraction * slope
-        usable, full_steps = definite & ((slope < 0) | is_full), own.full_steps
+        usable = definite & ((slope < 0) | without_search)
         if full_steps is not None:
-            unsure = system.unsymmetric() & ~definite
             usable = usable | unsure
-            full_steps = copy_with(full_steps, may_go_uphill=unsure & ~is_full)
+            full_steps = copy_with(full_steps, may_go_uphill=unsure & ~without_search)
         usable = usable & jnp.isfinite(slope) & ~converged
         predicted = select_tree(usable, predicted, own.predicted)
         after = StructureStrategy(
             LineSearch.init(slope), own.shift, full_steps, unknowns, predicted
         )
-        return NextStep(after, step, usable, again, ~converged, definite, factored)
+        return NextStep(after, step, usable, repeats, ~converged, definite, factored)
 
     def _matrix(self, state, is_full, converged):
         """Assemble the matrix of the next step from the point of `state`.
@@ -249,7 +253,7 @@ class StructureSteps(StepMethod):
         size, predicting, known = max_abs(state.point.residual), None, None
         cables, springs = None, None
         if partial_net is not None:
-            unknowns = own.unknowns.with_mixed_mode_if(converged)
+            unknowns = own.unknowns.with_first_mode_if(converged)
             given = x, tangents, unknowns, state.point.residual, self.length
             cables = partial_net.equations(*given)
             tangents = partial_net.tangents(x, tangents, cables)

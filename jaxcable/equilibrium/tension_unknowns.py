@@ -22,8 +22,9 @@ The iteration is mixed as long as the residual falls; then interior, from the st
 increment; then it is finished by mixed steps, or with cones by finishing steps of their own,
 because interior steps become inaccurate where slack and taut cannot be told apart; and if all of
 this fails, it goes on by plain Newton steps with a line search. Nets with cones begin with the
-interior iteration where no cable has tension, because mixed steps do not help there, and leave
-mixed steps early.
+interior iteration where no cable has tension, because mixed steps do not help there
+(`with_interior_mode_if_slack`), and leave mixed steps early. Every later change of the mode is one
+of `switch_mode`.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -48,16 +49,20 @@ from .interior_point import InteriorPointState, LengthBoundEquations
 from .newton_state import Evaluation
 from .newton_step import max_abs
 
-MIXED, INTERIOR, FINISH, SEARCH = range(4)
+FIRST, INTERIOR, FINISH, LINE_SEARCH = range(4)
 
-# Steps within which the residual must halve, and all steps, of a mode: mixed, finishing, and
-# finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
-# one that does not costs little more than its patience.
-_PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
-_FIRST_PATIENCE_WITH_OTHERS = 12  # the patience of the first mode if there are other elements
+# Steps within which the residual must halve, and all steps, of a mode: first, finishing, and
+# finishing with cones (there all steps of the first mode, too). A mode that makes progress may go
+# on for long, one that does not costs little more than its patience.
+_PATIENCE, _MAX_STEPS_OF_MODE = (8, 4, 14), (60, 20, 25)
+# The patience of the first mode if there are other elements. It counts full steps, too, so that it
+# can end these before there are 20.
+_FIRST_PATIENCE_WITH_OTHERS = 12
 _EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
-_MAX_SHIFTS = 3  # times that a matrix gets a larger shift until it is definite
+# Repeats of steps, in one stay of a net in a mode, with a larger least shift. The shift stays until
+# the mode changes; a further indefinite matrix counts as a step that was refused.
+_MAX_SHIFTS = 3
 # Tension over (predicted tension + load) up to which it makes the geometric stiffness itself: only
 # far above the predicted one it comes from a step sideways.
 _OWN_TENSION = 3.0
@@ -70,21 +75,25 @@ class TensionUnknowns:
     """Tensions as unknowns, and the mode in which the iteration solves for them.
 
     Attributes:
-        mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
-            interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
-            with line search). In structures with other elements, too (`partial_net`), all but
-            `INTERIOR` are Newton steps for displacements only, with predicted axial forces.
+        mode: `FIRST` (in a net: mixed steps), `INTERIOR` (steps of the interior-point method),
+            `FINISH` (Newton steps from its end) or `LINE_SEARCH` (Newton steps with line search).
+            In structures with other elements, too (`partial_net`), `FIRST` covers all steps of
+            `structure_steps`: full ones, and those with predicted or true axial forces; `FINISH`
+            and `LINE_SEARCH` are Newton steps for displacements only, with predicted axial forces.
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
         best_residual: residual when it was last halved, or at the start of the mode, N.
         steps_since_halved: steps since then.
-        steps_in_mode: steps since the mode began; finishing steps that have failed do not reset it.
+        steps_in_mode: steps since the mode began. An interior iteration that goes on after failed
+            finishing steps counts from the first of these, not from zero.
         blocked_steps: interior steps in succession that a bound has made short.
         finish_threshold: `FinishDecision.remaining` below which finishing steps are tried.
         finishes: how often they were tried.
         interior_motion: point of the interior iteration, while finishing steps are tried.
-        indefinite_count: how often rounding has left a matrix of the mode indefinite.
+        indefinite_count: in a net, indefinite matrices since the mode began, up to three
+            (`repeat_if_indefinite`); beside other elements, indefinite matrices of interior steps
+            in succession (`PartialNet.take_step`).
     """
 
     mode: Int[Array, ""]
@@ -102,7 +111,7 @@ class TensionUnknowns:
 
     @classmethod
     def initial(cls, system: System, x: Motion, is_partial_net: bool) -> TensionUnknowns:
-        """Return the state at the start of an increment: mixed steps, zero tensions.
+        """Return the state at the start of an increment: the first mode, zero tensions.
 
         Args:
             system: `System`, a net.
@@ -117,7 +126,7 @@ class TensionUnknowns:
         )
         kind = ConicInteriorPointState if cones else InteriorPointState
         return cls(
-            mode=jnp.int32(MIXED),
+            mode=jnp.int32(FIRST),
             guess=jnp.zeros_like(rest_lengths(system)),
             interior_point=kind.zeros(system, x),
             is_new_mode=jnp.ones((), bool),
@@ -138,8 +147,8 @@ class TensionUnknowns:
 
     @property
     def uses_line_search(self) -> Bool[Array, ""]:
-        """Whether the mode is `SEARCH`: Newton steps with a line search."""
-        return self.mode == SEARCH
+        """Whether the mode is `LINE_SEARCH`: Newton steps with a line search."""
+        return self.mode == LINE_SEARCH
 
     @property
     def uses_interior_point(self) -> Bool[Array, ""]:
@@ -156,9 +165,21 @@ class TensionUnknowns:
         """Whether the mode is `INTERIOR` or `FINISH`, whose steps need no line search."""
         return self.uses_interior_point | self.takes_finishing_steps
 
-    def with_mixed_mode_if(self, wanted: Bool[Array, ""]) -> TensionUnknowns:
-        """Return a copy whose mode is `MIXED` if `wanted`, else the same as before."""
-        return copy_with(self, mode=jnp.where(wanted, MIXED, self.mode))
+    def with_first_mode_if(self, wanted: Bool[Array, ""]) -> TensionUnknowns:
+        """Return a copy whose mode is `FIRST` if `wanted`, else the same as before."""
+        return copy_with(self, mode=jnp.where(wanted, FIRST, self.mode))
+
+    def with_interior_mode_if_slack(
+        self, tension: Float[Array, " n"], load: Float[Array, ""]
+    ) -> TensionUnknowns:
+        """Return a copy whose mode is `INTERIOR` if it has cones, and begins without any tension.
+
+        `tension` are those of all cables, [n], N; `load` is the `largest_load`, N.
+        """
+        if not self.has_cones:
+            return self
+        slack = self.is_new_mode & (self.mode == FIRST) & (jnp.max(tension) <= _SLACK * load)
+        return copy_with(self, mode=jnp.where(slack, INTERIOR, self.mode))
 
     @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
@@ -166,11 +187,8 @@ class TensionUnknowns:
 
         They differ too much from each other for conjugate gradients with an earlier factor.
         """
-        return (
-            (self.uses_interior_point | self.takes_finishing_steps)
-            if self.has_cones
-            else self.uses_interior_point
-        )
+        has_cones = self.has_cones
+        return self.takes_interior_or_finishing_steps if has_cones else self.uses_interior_point
 
     @property
     def awaits_corrector(self) -> Bool[ArrayLike, ""]:
@@ -184,7 +202,7 @@ class TensionUnknowns:
     def min_shift_in_eps(self) -> Int[Array, ""]:
         """Least shift of the matrix's diagonal, as a multiple of eps times its largest entry.
 
-        It covers what rounding makes of a zero stiffness, and grows after indefinite matrices.
+        It covers what rounding makes of a zero stiffness, and grows with `indefinite_count`.
         """
         return jnp.where(self.uses_line_search, 1, self.indefinite_count**6)  # 0, 1, 64, 729
 
@@ -192,7 +210,7 @@ class TensionUnknowns:
         self,
         point: Evaluation,
         begin: Motion,
-        finite: Bool[Array, ""],
+        accepted: Bool[Array, ""],
         astray: Bool[Array, ""],
         length: Float[Array, ""],
         full_steps_failed: Bool[Array, ""] | None = None,
@@ -202,7 +220,7 @@ class TensionUnknowns:
         Args:
             point: `Evaluation` of the point reached.
             begin: start of the increment (motion of all rows).
-            finite: whether the step was accepted.
+            accepted: whether the step was accepted (`Trial.accepted`).
             astray: whether the point is far from the structure.
             length: mean length of elements, m.
             full_steps_failed: where the structure has other elements, too: whether the full Newton
@@ -213,36 +231,33 @@ class TensionUnknowns:
             The state; the point to go on from; whether this is another one than `point`.
         """
         x, scale, residual = point.x, point.scale, max_abs(point.residual)
-        mixed, finishing, interior = (
-            self.mode == MIXED,
-            self.takes_finishing_steps,
-            self.uses_interior_point,
-        )
-        halved = finite & (self.is_new_mode | (residual < 0.5 * self.best_residual))
-        starts = mixed & (self.steps_in_mode <= _FIRST_STEPS)
+        first, interior = self.mode == FIRST, self.uses_interior_point
+        finishing = self.takes_finishing_steps
+        halved = accepted & (self.is_new_mode | (residual < 0.5 * self.best_residual))
+        starts = first & (self.steps_in_mode <= _FIRST_STEPS)
         best = jnp.where(halved | starts, residual, self.best_residual)
         since = jnp.where(halved, 0, self.steps_since_halved + 1)
-        lost = astray | ~finite
+        lost = astray | ~accepted
         if full_steps_failed is not None:
-            lost = jnp.where(mixed, full_steps_failed, lost)
+            lost = jnp.where(first, full_steps_failed, lost)
         if self.has_cones:
             early = (self.steps_in_mode >= _EARLY[0]) & (residual > _EARLY[1] * scale)
-            early = early | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
-            lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
+            early = early | (since >= jnp.where(first, _PATIENCE[0], _PATIENCE[2]))
+            lost = lost | early | (self.steps_in_mode >= _MAX_STEPS_OF_MODE[2])
         else:
-            first = _PATIENCE[0] if full_steps_failed is None else _FIRST_PATIENCE_WITH_OTHERS
-            pairs = (first, _PATIENCE[1]), _MAX_STEPS[:2]
-            patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
+            of_first = _PATIENCE[0] if full_steps_failed is None else _FIRST_PATIENCE_WITH_OTHERS
+            pairs = (of_first, _PATIENCE[1]), _MAX_STEPS_OF_MODE[:2]
+            patience, longest = (jnp.where(first, *pair) for pair in pairs)
             lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
-        begins, returns = mixed & lost, finishing & lost
-        given = self, finite, since, residual / scale, length
+        begins, returns = first & lost, finishing & lost
+        given = self, accepted, since, residual / scale, length
         finish = self.interior_point.decide_finish(*given)
         finishes = interior & finish.now
         searches = returns & (self.finishes >= self.interior_point.max_finishes)
         if finish.failed is not None:
             searches = searches | (interior & finish.failed)
         mode = jnp.where(finishes, FINISH, self.mode)  # fewer kernels than `jnp.select`
-        mode = jnp.where(searches, SEARCH, jnp.where(begins | returns, INTERIOR, mode))
+        mode = jnp.where(searches, LINE_SEARCH, jnp.where(begins | returns, INTERIOR, mode))
         changed = mode != self.mode
         count = self.finishes + 1
         if finish.final is not None:
@@ -272,12 +287,12 @@ class TensionUnknowns:
         """Return the state after a step, and whether to repeat the step with a larger shift.
 
         It is repeated if its matrix was not `definite`, because rounding can make a zero stiffness
-        negative; otherwise the state is `after`.
+        negative; but only three times in one stay in a mode, and not before a line search.
+        Otherwise the state is `after`.
         """
-        again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
-        return select_tree(
-            again, copy_with(self, indefinite_count=self.indefinite_count + 1), after
-        ), again
+        repeats = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
+        same = copy_with(self, indefinite_count=self.indefinite_count + 1)
+        return select_tree(repeats, same, after), repeats
 
     def step_equations(
         self,
@@ -285,6 +300,7 @@ class TensionUnknowns:
         x: Motion,
         responses: CableTensions,
         residual: Float[Array, " n_free"],
+        load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> ConicEquations | LengthBoundEquations:
         """Return the linear equations of the next step from x.
@@ -294,19 +310,15 @@ class TensionUnknowns:
             x: motion of all nodes (rows).
             responses: tensions and end forces at x.
             residual: residual at x, [n_free], N.
+            load: `largest_load` at x, N.
             length: mean length of elements, m.
         """
         tension = responses.tension
-        load = largest_load(system, system.external_force(x), tension)
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
         unknowns = copy_with(self, best_residual=best)
-        kind: Any = LengthBoundEquations
-        if self.has_cones:
-            kind = ConicEquations
-            slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
-            unknowns = copy_with(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
+        kind: Any = ConicEquations if self.has_cones else LengthBoundEquations
         return kind.at_point(unknowns, system, x, responses, residual, guess, load, length)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from oracles.taylor import TIGHT, assert_gradient
 import jaxcable as jc
 from jaxcable.common.tree import pytree
 from jaxcable.equilibrium.partial_net import PartialNet
+from jaxcable.equilibrium.structure_steps import StructureSteps
 
 # Nodes that only slack cables hold have no stiffness. Where steps with predicted forces leave them,
 # rounding can make the tangent indefinite.
@@ -100,6 +102,47 @@ def test_gradients():
         return jnp.sum(solution.tension["cables"] ** 2), solution.status
 
     assert_gradient(squares, [1.0, 1.0])
+
+
+@pytest.fixture
+def interior_steps(monkeypatch):
+    """Interior steps but the first, as they are made: is definite, is usable, changes tensions."""
+    noted, make_step = [], StructureSteps.make_step
+
+    def noting(self, state, converged, wanted):
+        made = make_step(self, state, converged, wanted)
+        before, after = (of.strategy.unknowns for of in (state, made))
+        tensions = before.interior_point.tension, after.interior_point.tension
+        changes = jnp.any(tensions[0] != tensions[1])
+        given = made.definite, made.usable, changes
+        counts = before.uses_interior_point & ~before.is_new_mode & ~converged
+        jax.debug.callback(lambda counts, *given: counts and noted.append(given), counts, *given)
+        return made
+
+    monkeypatch.setattr(StructureSteps, "make_step", noting)
+    jc.forget_programs()  # they would not note
+    yield noted
+    monkeypatch.undo()
+    jc.forget_programs()
+
+
+@pytest.mark.parametrize("seed, ratio, follows", [(1, 1.18e5, False), (2, 3674.0, True)])
+def test_indefinite_interior_steps_are_taken_if_the_tangent_is_unsymmetric(
+    seed, ratio, follows, interior_steps
+):
+    """If symmetric they are repeated. A load that follows counts as unsymmetric, also if it is 0.
+
+    The second scene failed as long as nodes took such steps, but tensions did not.
+    """
+    structure, phase = beside_struts(seed, ratio)
+    if follows:
+        none = jc.CablePressure(0.0, (1.0, 0.3, 0.5), on="cables")
+        phase = jc.replace(phase, loads=[phase.loads, none])
+    solution = jc.solve(structure, phase)
+    jax.effects_barrier()
+    assert int(solution.status) == jc.status.OK
+    indefinite = [taken for definite, *taken in interior_steps if not definite]
+    assert indefinite and all(taken == [follows, follows] for taken in indefinite)
 
 
 @pytest.mark.parametrize("kinds", [[jc.Cables], [jc.Bars], [jc.Cables, jc.SlidingCables]])

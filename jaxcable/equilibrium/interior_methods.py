@@ -1,10 +1,14 @@
-"""The decision of an interior-point method whether finishing steps are tried."""
+"""What both interior-point methods share: some limits, and the decision to finish."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from ..common.types import Array, Bool, Float
+
+MAX_INTERIOR_STEPS = 100  # a slack net of 60 x 60 nodes takes 33 in all
+BLOCKED = 0.05  # a step of which a smaller fraction is taken is blocked by the boundary
+UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
 
 
 class FinishDecision(NamedTuple):
