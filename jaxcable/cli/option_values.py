@@ -9,6 +9,11 @@ from collections.abc import Callable
 from ..files.reading import parse_integer, parse_number
 
 
+def parse_any(word: str) -> float:
+    """Return a word as a number; raise argparse's error for any other."""
+    return _parse_within(word, parse_number, lambda v: True, "a number")
+
+
 def parse_positive(word: str) -> float:
     """Return a word as a positive number; raise argparse's error for any other."""
     return _parse_within(word, parse_number, lambda v: 0 < v < float("inf"), "a positive number")

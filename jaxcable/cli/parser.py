@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from .. import linear
-from ..files.reading import parse_number
 from . import (
     convert,
     demo,
@@ -32,7 +31,7 @@ from . import (
     view,
 )
 from .guard import BadInput, run_guarded
-from .option_values import parse_positive, whole_number_up_to
+from .option_values import parse_any, parse_positive, whole_number_up_to
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
@@ -158,6 +157,6 @@ def _add_options(command, name, words):
 
 def _value_parser(words):
     """Return the function that parses values of a kind, such as "a whole number from 0 to 20"."""
-    known = {"a number": parse_number, "a positive number": parse_positive}
+    known = {"a number": parse_any, "a positive number": parse_positive}
     whole = words.removeprefix("a whole number from 0 to ")
     return known.get(words) or whole_number_up_to(int(whole))

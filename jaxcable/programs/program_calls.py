@@ -163,9 +163,15 @@ def _known_jvp(primals, tangents, *, program):
     """
     found = _KNOWN.bind(*primals, program=program)
     count = len(program.arguments)
-    moving = internals.differentiated_arguments(primals[:count], tangents[:count])
+    return found, _tangents_by_one_program(program, found, primals[:count], tangents[:count])
+
+
+def _tangents_by_one_program(program, found, primals, tangents):
+    """Return the tangents of the results `found` of a program, by a program that has no others."""
+    count = len(primals)
+    moving = internals.differentiated_arguments(primals, tangents)
     if not moving:
-        return found, [internals.zero_tangent(x) for x in found]
+        return [internals.zero_tangent(x) for x in found]
 
     def changes(*values):
         def of_moving(*some):
@@ -173,10 +179,10 @@ def _known_jvp(primals, tangents, *, program):
 
         return jax.jvp(of_moving, [values[k] for k in moving], list(values[count:]))[1]
 
-    given = [*primals[:count], *(tangents[k] for k in moving)]
+    given = [*primals, *(tangents[k] for k in moving)]
     avals = list(map(internals.abstract_array, found))
     own = program.derived(("changes", moving), lambda: Program(changes, given, avals))
-    return found, _LINEAR_CALL.bind(*given, program=own, count=count)
+    return _LINEAR_CALL.bind(*given, program=own, count=count)
 
 
 def _known_values(*arrays, program):
@@ -190,7 +196,11 @@ def _linear_call_jvp(primals, tangents, *, program, count):
     Tangents of the linear arguments go through the same program.
     """
     if any(not internals.is_zero_tangent(t) for t in tangents[:count]):
-        return _call_jvp(primals, tangents, program=program)
+        if not isinstance(program, _TransposedProgram):
+            return _call_jvp(primals, tangents, program=program)
+        # jax cannot linearize the transpose of a checkpointed loop
+        found = _CALL.bind(*primals, program=program)
+        return found, _tangents_by_one_program(program, found, primals, tangents)
     further = [*primals[:count], *map(internals.instantiate_tangent, tangents[count:])]
     given = {"program": program, "count": count}
     return _LINEAR_CALL.bind(*primals, **given), _LINEAR_CALL.bind(*further, **given)
