@@ -228,6 +228,68 @@ def swinging(v):
     return found.squared
 
 
+def moving(name, make=lambda v: v):
+    """Displacements after a step in time, with one number of it."""
+
+    def run(v):
+        given = {"dt": 0.01, "masses": 1.0, name: make(v)}
+        return jc.dynamics.transient(net(weight=1.0), PULL, steps=1, **given).displacement
+
+    return run
+
+
+def removed(name):
+    def make(v):
+        return jc.dynamics.Removal(jc.only([0]), **{name: v})
+
+    return moving("removes", make)
+
+
+def damped(kind, *numbers):
+    return moving("damping", lambda v: kind(*(v if x is None else x for x in numbers)))
+
+
+def turbulent(name):
+    """Spectral density of the velocity at a point, by one number of the wind."""
+
+    def run(v):
+        steady, numbers = jc.WindTable(velocities=20.0), {"deviation": 3.0, "length_scale": 150.0}
+        wind = jc.dynamics.Turbulence(steady, **numbers | {name: v})
+        points = np.array([[0.0, 0.0, 10.0], [0.0, 5.0, 10.0]])
+        return jc.dynamics.wind_velocities(wind, points, dt=0.5, steps=2, key=jax.random.key(0))
+
+    return run
+
+
+def gusty(name):
+    def run(v):
+        parts = {"pole": jc.Bars([[0, 1]], 1e8), "clamp": jc.Springs([1], (2e3, 2e3, 0.0))}
+        mast = jc.Structure([[0.0, 0, 0], [0, 0, 10]], parts, jc.pinned([0]))
+        still, masses = jc.solve(mast, jc.Phase()), np.array([0.0, 40.0])
+        found = jc.dynamics.modes(mast, still, masses=masses)
+        wind = jc.dynamics.Turbulence(jc.WindTable(velocities=20.0), 3.0, 150.0)
+        given = mast, still, found, np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0]]), wind
+        return jc.dynamics.gust_response(*given, **{name: v}).peak_factor
+
+    return run
+
+
+def rubbed(name, **others):
+    """A cable over a saddle, by one of its coefficients."""
+    links = np.array([[0, 1, 2]])
+    return lambda v: code(net(kind=jc.FrictionCables, links=links, **others | {name: v}))
+
+
+def softening_over_saddle(v):
+    law = jc.Polygonal([0.0, 1e-3, 2e-3], jnp.asarray(v))
+    return code(net(kind=jc.FrictionCables, links=np.array([[0, 1, 2]]), area=1.0, law=law))
+
+
+def clamped_over_saddle(v):
+    rope = {"kind": jc.FrictionCables, "links": np.array([[0, 1, 2]])}
+    return code(net(**rope), jc.Phase(clamped=v, loads=PULL))
+
+
 def relaxed(v):
     """Form of two cables, one of a tension, one of a length, to a tolerance; NaN if not found."""
     tension, rest_length = jc.only([0], v[0]), jc.only([1], v[1])
@@ -333,6 +395,13 @@ of_beams("up"), AXIS, (5.0, 0.0, 1.0)  # up: up[0]...must not be along the eleme
 ## elements/sliding.py
 lambda v: code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]])), 1.0, JOINED
     # nodes: links[0]: its nodes [0, 1] coincide
+## elements/friction_cables.py
+rubbed("friction"),  # rules: friction... = -1.0: must not be negative
+rubbed("axle_friction"), 0.1, 1.0  # axle_friction: axle_friction... = 1.0: must be from 0 to
+softening_over_saddle, [0.0, 2e6, 3e6], [0.0, 2e6, 1e6]
+    # law: law...softens; a cable with friction
+## elements/friction.py
+clamped_over_saddle, 1.0, 0.5  # open_or_closed: ...clamped... = 0.5: a clamp is open, 0, or
 ## model/structure.py
 lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
 ## materials/elastic.py
@@ -460,6 +529,27 @@ of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
 of_path("largest"), 0.1, -0.1  # largest: largest = -0.1
 of_path("tol"), 1e-9, -1e-9  # tol: tol = -1e-09
+## dynamics/damping.py
+damped(jc.dynamics.Rayleigh, None),  # mass: mass = -1.0: must not be negative
+damped(jc.dynamics.Rayleigh, 0.0, None),  # stiffness: stiffness = -1.0: must not be negative
+damped(jc.dynamics.ModalDamping, [1.0], np.ones((1, 3, 3)), None),
+    # ratios: ratios = -1.0: must not be negative
+damped(jc.dynamics.Dashpots, [[0, 1]], None),  # coefficient: coefficient... = -1.0: must not be
+## dynamics/gust_response.py
+gusty("damping"), 0.01, 0.0  # damping: damping = 0.0: must be positive
+gusty("duration"), 600.0, 0.0  # duration: duration = 0.0: must be positive
+## dynamics/transient.py
+moving("dt"), 0.01, 0.0  # dt: dt = 0.0: must be positive
+moving("spectral_radius"), 1.0, 1.5  # spectral_radius: spectral_radius = 1.5: must be from 0 to 1
+moving("gravity"), 9.81, -1.0  # gravity: gravity = -1.0: must be positive
+removed("time"), 0.0, -1.0  # time: time = -1.0: must not be negative
+removed("duration"), 0.0, -1.0  # duration: duration = -1.0: must not be negative
+## dynamics/turbulence.py
+turbulent("deviation"), 3.0, -1.0  # deviation: deviation = -1.0: must not be negative
+turbulent("length_scale"), 150.0, 0.0  # length_scale: length_scale = 0.0: must be positive
+turbulent("decay"), (3.0, 10.0, 10.0), (3.0, -1.0, 10.0)  # decay: decay[1] = -1.0: must not be
+turbulent("direction"), AXIS, NOWHERE  # direction: direction: is zero
+turbulent("vertical"), (0.0, 0.0, 1.0), NOWHERE  # vertical: vertical: is zero
 ## dynamics/modes.py
 swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
 ## dynamics/inertia.py
