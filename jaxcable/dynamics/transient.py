@@ -123,8 +123,8 @@ def transient(
         halvings: how often a step that fails may be divided in two; the result says in how many
             parts each step was divided (`Transient.parts`). Default 0: it fails.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
-        distribution: of the mass of an element: "lumped", "consistent", or "mean" of both, as is
-            None. Those of beams have the translations of their ends only, linear in between.
+        distribution: of the mass of an element: "lumped", "consistent" (linear between the ends),
+            or "mean" of both. None: the mean for cables and bars, lumped for beams: of order 4.
         method: `Newton`, whose tolerance is that of every step.
 
     Returns:
