@@ -106,7 +106,7 @@ def test_a_beam_spins_freely():
     """Angular momentum, with the rotary inertia of sections, and the motion to second order."""
     n, spin = 2, np.array([3.0, 1.0, 8.0])
     place = np.column_stack([np.linspace(-1, 1, n + 1), np.zeros(n + 1), np.zeros(n + 1)])
-    section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(2e8))
+    section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(2e11))
     beam = jc.Beams([[k, k + 1] for k in range(n)], section=section, weight=0.02 * 7850 * GRAVITY)
     tether = jc.Cables([[0, n + 1]], axial_stiffness=1e3, rest_length=50.0)  # always slack
     elements, held = {"beam": beam, "tether": tether}, jc.pinned([n + 1])
@@ -117,7 +117,7 @@ def test_a_beam_spins_freely():
     shares = np.zeros((n + 1, n + 1))
     for k in range(n):
         shares[k : k + 2, k : k + 2] += mass * np.eye(2) / 2
-    y, z = (np.asarray(section.stiffness())[k, k] / 2e8 / 0.02 for k in (1, 2))
+    y, z = (np.asarray(section.stiffness())[k, k] / 2e11 / 0.02 for k in (1, 2))
     rotary = mass * np.diag([y + z, y, z])
 
     def momentum(moved, k):
@@ -132,12 +132,13 @@ def test_a_beam_spins_freely():
         return total
 
     ends, drifts = [], []
-    for steps in (200, 400, 800):
+    for steps in (100, 200, 400):
         moved = transient(
             structure,
             dt=0.5 / steps,
             steps=steps,
             velocity=velocity,
+            spectral_radius=0.8,  # vibrations along the beam are far faster than the steps
             histories=["displacement", "velocity", "rotation"],
         )
         assert int(moved.status) == 0
