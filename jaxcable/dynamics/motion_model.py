@@ -19,6 +19,7 @@ from .inertial_system import Inertia, InertialSystem
 from .march import Running, StepSettings, advance, run_steps
 from .masses import element_masses, mass_forces, rotary_inertia, sum_of_nodes
 from .motion_plan import NODAL_HISTORIES, MotionHistories
+from .time_loads import with_moved_loads
 
 
 class MotionModel:
@@ -40,7 +41,11 @@ class MotionModel:
 
     def system_at(self, entry: dict[str, Any], memory: Any) -> System:
         """Return the system without inertia under the loads of an entry of the histories."""
-        system = self.ramp.system_at(entry["parameter"], memory)
+        ramp = self.ramp
+        if "moving" in entry:
+            loads = with_moved_loads(ramp.start.loads, self.plan.moving, entry["moving"])
+            ramp = copy_with(ramp, start=copy_with(ramp.start, loads=loads))
+        system = ramp.system_at(entry["parameter"], memory)
         load = system.load
         if "forces" in entry:
             load = load + row_values(self.ramp, entry["forces"])

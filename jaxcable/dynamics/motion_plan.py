@@ -26,6 +26,7 @@ class MotionPlan(NamedTuple):
         distribution: as for `transient`.
         halvings: how often a step may be halved.
         conserves: whether energy and momentum are conserved.
+        moving: places of loads that move, of `time_loads.moving_numbers`.
     """
 
     bundles: Bundles
@@ -37,6 +38,7 @@ class MotionPlan(NamedTuple):
     distribution: str | None
     halvings: int
     conserves: bool
+    moving: tuple[tuple[int, int], ...]
 
 
 @pytree
@@ -51,6 +53,7 @@ class MotionData:
         velocity: velocity at the start, [n_node, 3 or 6], or None.
         forces: forces on nodes in time, [steps + 1, n_node, 3 or 6], N and N m, or None.
         base: acceleration of the base in time, [steps + 1, 3], m/s2, or None.
+        moving: numbers of loads that move, of `time_loads.moving_numbers`.
         dampings: list of dampings.
         stays: which elements are not removed, per bundle [n_elem] bool; None if none is.
         release: duration over which the forces of removed elements end, s.
@@ -63,6 +66,7 @@ class MotionData:
     velocity: Float[ArrayLike, "n_node n"] | None
     forces: Float[ArrayLike, "m n_node n"] | None
     base: Float[ArrayLike, "m 3"] | None
+    moving: list[list[Float[Array, "m ..."]]]
     dampings: list[Any]
     stays: list[Bool[ArrayLike, " n_elem"]] | None
     release: Float[ArrayLike, ""]

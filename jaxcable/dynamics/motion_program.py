@@ -100,6 +100,7 @@ def _load_entries(ramp, data, plan):
     # at the start loads are those that act from then on
     entries = {"parameter": jnp.maximum(parameter, jnp.finfo(dtype).tiny)}
     entries |= {} if data.forces is None else {"forces": data.forces}
+    entries |= {"moving": data.moving} if data.moving else {}
     return entries | ({} if data.base is None else {"base": data.base})
 
 

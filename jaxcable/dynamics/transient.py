@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,9 +18,7 @@ from ..common.selection import Selection
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..equilibrium.newton import Newton
-from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
-from ..loads.varying import Varying
 from ..model.structure import Structure
 from .conserving_system import require_conserving
 from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
@@ -29,6 +26,7 @@ from .inertia import nodal_masses
 from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
 from .motion_program import compute_motion
 from .response import Transient
+from .time_loads import in_time, moving_numbers, sort_loads
 
 SCHEMES = "generalized-alpha", "energy-momentum"
 
@@ -60,9 +58,11 @@ class Removal:
 
     def __post_init__(self):
         set_fields(self, elements=keys_as_whole_groups(self.elements))
-        for name in ("time", "duration"):
-            set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
-            nan_if_broken(not_negative(name, getattr(self, name)))
+        duration = not_negative("duration", checks.as_scalar(self.duration, "duration"))
+        set_fields(self, time=checks.as_scalar(self.time, "time"), duration=nan_if_broken(duration))
+        time = checks.array_if_known(self.time)
+        if time is not None and not time >= 0:
+            raise ValueError(f"time = {time}: must not be negative")
 
 
 def transient(
@@ -99,9 +99,10 @@ def transient(
     Args:
         structure: `Structure`.
         loads: one or several in a list of: forces in time, [steps + 1, n_node, 3] (with rotations
-            also 6), N and N m, at the times k dt; functions of time, s, that return such forces,
-            [n_node, 3]; loads of the package, which act at once and stay, or which vary
-            (`Varying`, whose parameter is time over ``steps dt``), movements of supports included.
+            also 6), N and N m, at the times k dt; loads of the package, which act at once and stay,
+            or which vary (`Varying`, whose parameter is time over ``steps dt``), movements of
+            supports included; functions of time, s, that return forces [n_node, 3], or a load such
+            as a `Train` that moves.
 
     Options:
         start: `Solution` or `State` from which the motion begins; default: the initial geometry.
@@ -124,8 +125,8 @@ def transient(
         halvings: how often a step that fails may be divided in two; the result says in how many
             parts each step was divided (`Transient.parts`). Default 0: it fails.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
-        distribution: of the mass of an element: "lumped", "consistent", or "mean" of both, as is
-            None. Those of beams have the translations of their ends only, linear in between.
+        distribution: of the mass of an element: "lumped", "consistent" (linear between the ends),
+            or "mean" of both. None: the mean for cables and bars, lumped for beams: of order 4.
         method: `Newton`, whose tolerance is that of every step.
 
     Returns:
@@ -163,12 +164,12 @@ def transient(
     dampings = as_dampings(damping, structure)
     count = structure.n_node
     times = jnp.arange(steps + 1) * jnp.asarray(duration)
-    kept, forces = _split_loads(loads, structure, times)
-    phase = Phase(loads=kept or None, increments=steps)
+    sorted_loads = sort_loads(loads, structure, times)
+    phase = Phase(loads=sorted_loads.kept or None, increments=steps)
     coupled = coupled_rows(structure, dampings)
     conserves = scheme == "energy-momentum"
     if conserves:
-        require_conserving(structure, kept, start)
+        require_conserving(structure, sorted_loads.kept, start)
     coupling: Any = {"coupled": coupled, "symmetric": not conserves}
     task = prepare(structure, phase, method, start, to_end=True, **coupling)
     wide = (count, 6) if structure.space.rotates else (count, 3)
@@ -176,21 +177,23 @@ def transient(
         velocity = checks.floats_of_shape(velocity, "velocity", (count, 3), wide)
     base = None
     if base_acceleration is not None:
-        base = _in_time(base_acceleration, "base_acceleration", times, (3,))
+        base = in_time(base_acceleration, "base_acceleration", times, (3,))
     stays, first = None, steps
     release: ArrayLike = 0.0
     if removes is not None:
         gone = element_masks(removes.elements, structure, "removes.elements")
         stays = task.bundles.join([~one for one in gone])
         first, release = _step_of_removal(removes, duration, steps), removes.duration
+    moving, places = moving_numbers(sorted_loads, task, structure, times)
     data = MotionData(
         duration=duration,
         radius=radius,
         gravity=gravity,
         masses=None if masses is None else nodal_masses(structure, masses),
         velocity=velocity,
-        forces=forces,
+        forces=sorted_loads.forces,
         base=base,
+        moving=moving,
         dampings=dampings,
         stays=stays,
         release=release,
@@ -205,6 +208,7 @@ def transient(
         distribution=distribution,
         halvings=halvings,
         conserves=conserves,
+        moving=places,
     )
     found = compute_motion(
         task.without_indices, task.arrays, task.method, task.code, data, plan=plan
@@ -214,32 +218,6 @@ def transient(
         for name, values in found.histories.items()
     }
     return Transient(found.codes[-1], found.codes, found.parts, times, found.energy, arranged)
-
-
-def _split_loads(loads, structure, times):
-    """Split the argument `loads` into loads of the package and the sum of forces in time."""
-    given = [] if loads is None else loads
-    given = list(given) if isinstance(given, list | tuple) else [given]
-    kept, forces = [], None
-    shapes = [(structure.n_node, 3)] + [(structure.n_node, 6)] * structure.space.rotates
-    for k, one in enumerate(given):
-        if isinstance(one, Varying):
-            kept.append(one)
-        elif isinstance(one, Load):
-            kept.append(Varying(one, (0.0, 1.0), (1.0, 1.0)))
-        else:
-            values = jnp.asarray(_in_time(one, f"loads[{k}]", times, *shapes))
-            if values.shape[-1] < shapes[-1][-1]:
-                values = jnp.pad(values, [(0, 0), (0, 0), (0, 3)])
-            forces = values if forces is None else forces + values
-    return kept, forces
-
-
-def _in_time(given, name, times, *shapes):
-    """Return values in time, [steps + 1, ...], of an array or of a function of time, s."""
-    if callable(given):
-        return _in_time(jax.vmap(given)(times), f"{name}(time)", times, *shapes)
-    return checks.floats_of_shape(given, name, *((len(times), *shape) for shape in shapes))
 
 
 def _step_of_removal(removes, duration, steps):

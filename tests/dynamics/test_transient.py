@@ -189,6 +189,34 @@ def test_a_bar_that_breaks():
         assert_allclose(moved.energy.error, 0, atol=1e-9)
 
 
+def test_the_part_of_a_chain_that_breaks_off_falls_freely():
+    """Its momentum grows by its weight, and its center of mass is where a thrown body would be."""
+    place = np.array([[0.0, 0, 0], [0.5, 0, -0.8], [1.2, 0, -1.4], [1.9, 0.2, -1.9]])
+    ropes = jc.Cables([[0, 1], [1, 2], [2, 3]], axial_stiffness=5e3)
+    structure = jc.Structure(place, ropes, supports=jc.pinned([0]))
+    masses = np.array([0.0, 1.0, 2.0, 3.0])
+    moved = transient(
+        structure,
+        jc.PointMasses(range(4), masses),
+        dt=0.01,
+        steps=90,
+        masses=masses,
+        velocity=[[0, 0, 0], [0, 1.0, 0], [1.0, 3.0, 1.0], [0, -3.0, 2.0]],
+        removes=Removal(jc.only([1]), time=0.2),
+        histories=["displacement", "velocity", "tension"],
+    )
+    assert int(moved.status) == 0 and not np.asarray(moved.tension)[21:, 1].any()
+    assert np.asarray(moved.tension)[21:, 2].max() > 10  # the part swings on
+    weights, time = masses[2:] / 5.0, np.asarray(moved.time)[20:] - 0.2
+    center = (place + np.asarray(moved.displacement))[20:, 2:].transpose(0, 2, 1) @ weights
+    speed = np.asarray(moved.velocity)[20:, 2:].transpose(0, 2, 1) @ weights
+    fall = np.array([0.0, 0.0, -GRAVITY])
+    # up to 1e-10 of the forces in every step
+    assert_allclose(speed, speed[0] + time[:, None] * fall, rtol=0, atol=1e-8)
+    thrown = center[0] + time[:, None] * speed[0] + 0.5 * time[:, None] ** 2 * fall
+    assert_allclose(center, thrown, rtol=0, atol=1e-8)
+
+
 # --- history variables
 
 

@@ -542,7 +542,6 @@ gusty("duration"), 600.0, 0.0  # duration: duration = 0.0: must be positive
 moving("dt"), 0.01, 0.0  # dt: dt = 0.0: must be positive
 moving("spectral_radius"), 1.0, 1.5  # spectral_radius: spectral_radius = 1.5: must be from 0 to 1
 moving("gravity"), 9.81, -1.0  # gravity: gravity = -1.0: must be positive
-removed("time"), 0.0, -1.0  # time: time = -1.0: must not be negative
 removed("duration"), 0.0, -1.0  # duration: duration = -1.0: must not be negative
 ## dynamics/turbulence.py
 turbulent("deviation"), 3.0, -1.0  # deviation: deviation = -1.0: must not be negative
@@ -553,7 +552,7 @@ turbulent("vertical"), (0.0, 0.0, 1.0), NOWHERE  # vertical: vertical: is zero
 ## dynamics/modes.py
 swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
 ## dynamics/inertia.py
-swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # nodal_masses: masses... = -1.0
+swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
 ## results/internal_forces.py
 lambda v: jc.section_forces(frame(), unstrained(frame()), v), [0.5], [1.5]
     # places: places[0] = 1.5
@@ -676,6 +675,11 @@ OTHERWISE = {
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
-    "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
+    "dynamics/transient.py:__post_init__": "traced times of a removal are refused",
+    "dynamics/transient.py:_step_of_removal": "traced times of a removal are refused",
+    "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
+    "dynamics/load_histories.py:loaded_nodes": "traced mean forces are refused",
+    "dynamics/load_histories.py:wind_velocities": "NaN where it is traced: frequencies of no steps",
+    "analysis/solution.py:state_to_look_at": "no rule: whether an analysis is known to have failed",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

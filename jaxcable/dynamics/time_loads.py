@@ -1,0 +1,121 @@
+"""Loads in time: forces as arrays, functions of time, and loads of the package that move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.preparation import PreparedAnalysis
+from ..common import checks
+from ..common.tree import copy_with
+from ..common.types import Array, ArrayLike, Float
+from ..loads.load import Load, OnNodes, PersistentLoad
+from ..loads.varying import Varying
+from ..mechanics.load_stacks import LoadStack
+from ..model.structure import Structure
+
+
+class TimeLoads(NamedTuple):
+    """The argument `loads` of `transient`, sorted.
+
+    Attributes:
+        kept: loads of the package for a phase whose load factor is time over its duration.
+        forces: sum of the forces on nodes in time, [steps + 1, n_node, 3 or 6], N and N m, or None.
+        moving: functions of time that return element loads, by their index in `kept`.
+    """
+
+    kept: list[Varying]
+    forces: Float[Array, "m n_node n"] | None
+    moving: dict[int, Callable[[Array], Any]]
+
+
+def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> TimeLoads:
+    """Sort the argument `loads` of `transient`; ValueError, which names it, for a wrong one."""
+    given = [] if loads is None else loads
+    given = list(given) if isinstance(given, list | tuple) else [given]
+    kept, forces, moving = [], [], {}
+    shapes = [(structure.n_node, 3)] + [(structure.n_node, 6)] * structure.space.rotates
+    for k, one in enumerate(given):
+        first = one(times[0]) if callable(one) else one
+        if isinstance(first, OnNodes) and callable(one):
+            first.check(structure)
+            shape = shapes[-1], structure.nodes.dtype
+            values = jax.vmap(lambda t, one=one, shape=shape: one(t).nodal_forces(*shape))(times)
+            forces.append(values)
+        elif isinstance(first, Load):
+            if callable(one):
+                if not isinstance(first, PersistentLoad):
+                    raise ValueError(f"loads[{k}]: a function cannot return a {type(first)}")
+                moving[len(kept)] = one
+            # all of it acts from the start on
+            kept.append(first if isinstance(first, Varying) else Varying(first, (0, 1), (1, 1)))
+        else:
+            values = jnp.asarray(in_time(one, f"loads[{k}]", times, *shapes))
+            more = shapes[-1][-1] - values.shape[-1]
+            forces.append(jnp.pad(values, [(0, 0), (0, 0), (0, more)]))
+    return TimeLoads(kept, sum(forces) if forces else None, moving)
+
+
+def in_time(
+    given: Any, name: str, times: Float[Array, " m"], *shapes: tuple[int, ...]
+) -> Float[ArrayLike, "m ..."]:
+    """Return values in time, [steps + 1, ...], of an array or of a function of time, s.
+
+    They have one of the `shapes` at each time; ValueError, which names the argument, otherwise.
+    """
+    if callable(given):
+        return in_time(jax.vmap(given)(times), f"{name}(time)", times, *shapes)
+    return checks.floats_of_shape(given, name, *((len(times), *shape) for shape in shapes))
+
+
+def moving_numbers(
+    loads: TimeLoads, task: PreparedAnalysis, structure: Structure, times: Float[Array, " m"]
+) -> tuple[list[list[Float[Array, "m ..."]]], tuple[tuple[int, int], ...]]:
+    """Return the numbers of moving loads in time, and where they are in the loads of an analysis.
+
+    Returns:
+        For every moving load its leaves, [steps + 1, ...]; index of its `LoadStack` among the loads
+        of the `RestartState`, and its index in the stack.
+    """
+
+    def prepared(load):
+        found = load.with_group_indices(structure)
+        return found if task.bundles.are_groups else found.on_bundles(task.bundles)
+
+    kinds: list[Any] = []
+    for load in (own.load for own in loads.kept):
+        if isinstance(load, PersistentLoad):
+            found = load.with_group_indices(structure)
+            kinds.append((jax.tree.structure(found), tuple(map(np.shape, jax.tree.leaves(found)))))
+        else:
+            kinds.append(None)
+    order = list(dict.fromkeys(kind for kind in kinds if kind is not None))
+    earlier = len(task.loads) - len(order)
+    numbers, places = [], []
+    for k, function in loads.moving.items():
+        places.append((earlier + order.index(kinds[k]), kinds[:k].count(kinds[k])))
+        numbers.append(
+            jax.vmap(lambda t, function=function: jax.tree.leaves(prepared(function(t))))(times)
+        )
+    return numbers, tuple(places)
+
+
+def with_moved_loads(
+    stacks: Sequence[LoadStack],
+    places: Sequence[tuple[int, int]],
+    numbers: Sequence[Sequence[Array]],
+) -> list[LoadStack]:
+    """Return the loads of a `RestartState` with the numbers that moving loads have at one time.
+
+    `places` are those of `moving_numbers`, `numbers` the leaves of each of these loads.
+    """
+    found = list(stacks)
+    for (k, i), leaves in zip(places, numbers, strict=True):
+        before, tree = jax.tree.flatten(found[k].load)
+        changed = [x.at[i].set(new.astype(x.dtype)) for x, new in zip(before, leaves, strict=True)]
+        found[k] = copy_with(found[k], load=jax.tree.unflatten(tree, changed))
+    return found
