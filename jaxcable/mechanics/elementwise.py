@@ -232,12 +232,12 @@ class Elementwise:
                 )
             else:
                 at = self.nodes[group.links], motion[group.links]
-                commit = _Method("committed_memory", (duration,))
-                beside: tuple[Array, ...] = ()
+                commit, beside = _Method("committed_memory", (duration,)), []
                 if not isinstance(duration, float):  # it is traced
                     commit = _Method("committed_memory")
-                    beside = (jnp.full(len(group.links), duration),)
-                found.append(map_elements_at_ends(commit, group, state, at, beside, absent=True))
+                    beside = [jnp.full(len(group.links), duration)]
+                given = group, state, at, tuple(beside)
+                found.append(map_elements_at_ends(commit, *given, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:

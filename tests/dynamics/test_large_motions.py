@@ -55,7 +55,7 @@ def test_a_hanging_chain_swings_with_the_period_of_bessel():
         steps = 200
         speed = np.zeros((n + 1, 3))
         found = jc.dynamics.modes(structure, hung, n=1)
-        speed[:] = 0.01 * np.asarray(found.shapes)[0]
+        speed[:] = 0.01 * np.asarray(found.shape)[0]
         moved = transient(structure, start=hung, dt=period / steps, steps=steps, velocity=speed)
         assert int(moved.status) == 0
         way = np.abs(speed[-1]).argmax()
