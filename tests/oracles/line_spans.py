@@ -1,0 +1,127 @@
+"""Spans of a line apart from the package: catenaries by quadrature, the law of a conductor, chains.
+
+The shape of a span is the integral of ``(1 + T/EA) t ds`` over its unstressed length with Gauss
+points, not a closed form; the force at its first end is found by Newton's method on this integral.
+"""
+
+import numpy as np
+from scipy.optimize import root
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(24)
+POINTS, WEIGHTS = 0.5 * (1 + POINTS), 0.5 * WEIGHTS
+
+
+def tensions_along(pull, load):
+    """Tension vectors at the Gauss points, [24, 3], of a span that pulls its first node by `pull`.
+
+    `load` is the whole load along it, [3], N.
+    """
+    return pull - POINTS[:, None] * load
+
+
+def chord_of(pull, load, length, stiffness):
+    """Vector between the ends of a span, [3], m."""
+    vectors = tensions_along(pull, load)
+    sizes = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return length * WEIGHTS @ ((1 / stiffness + 1 / sizes) * vectors)
+
+
+def end_pulls(first, last, load, length, stiffness):
+    """Forces of a span on its end nodes, [2, 3], N, for given ends."""
+    chord = last - first
+    guess = 0.2 * np.linalg.norm(load) * length / max(length - np.linalg.norm(chord), 1e-2 * length)
+    start = np.linalg.norm(guess) * chord / np.linalg.norm(chord) + 0.5 * load
+    found = root(
+        lambda pull: chord_of(pull, load, length, stiffness) - chord, start, method="lm", tol=1e-14
+    )
+    assert np.abs(found.fun).max() < 1e-9 * length
+    return np.stack([found.x, load - found.x])
+
+
+def layer_stress(layer, strain, permanent):
+    """Stress of a layer of a conductor, Pa, by its polynomial and its line of unloading."""
+    inside = min(strain, float(layer.limit))
+    powers = np.arange(len(layer.initial))
+    slope = sum(k * layer.initial[k] * float(layer.limit) ** (k - 1) for k in powers[1:])
+    first = np.sum(layer.initial * inside**powers) + slope * (strain - inside)
+    return min(first, float(layer.modulus) * (strain - permanent))
+
+
+def conductor_tension(conductor, strain, temperature, permanent):
+    """Tension of a conductor, N: strands around a core carry no compression."""
+    warmer = temperature - float(conductor.temperature)
+    parts = [
+        layer_stress(layer, strain - float(layer.expansion) * warmer, p)
+        for layer, p in zip(conductor.layers, permanent, strict=True)
+    ]
+    return float(conductor.area) * (sum(max(p, 0.0) for p in parts[:-1]) + parts[-1])
+
+
+def state_loads(section, state, lengths, rest_lengths):
+    """Whole loads along the spans of a section, [n_span, 3], N: mass, ice and wind as defined."""
+    conductor, count = section.conductor, len(lengths)
+    ice = np.broadcast_to(np.asarray(state.ice), (count,))
+    weight = float(conductor.weight) * np.asarray(lengths)
+    volume = np.pi * ice * (float(conductor.diameter) + ice) * np.asarray(rest_lengths)
+    down = weight + 9.80665 * float(state.ice_density) * volume
+    angle = np.radians(float(state.wind_direction))
+    blows = np.array([np.cos(angle), np.sin(angle), 0.0])
+    nodes, total = np.asarray(section.nodes()), []
+    for k, (a, b) in enumerate(section.layout.spans):
+        chord = nodes[b] - nodes[a]
+        unit = chord / np.linalg.norm(chord)
+        across = blows - (blows @ unit) * unit
+        width = float(conductor.diameter) + 2 * ice[k]
+        force = float(state.wind) * float(state.drag) * width * np.linalg.norm(chord)
+        total.append(force * np.linalg.norm(across) * across - [0.0, 0.0, down[k]])
+    return np.array(total)
+
+
+def node_forces(section, state, positions, pulls, broken=None):
+    """Sum of all forces on the clamps that hang by strings, [n_string, 3], N; zero in equilibrium."""
+    own, nodes = section.layout, np.asarray(section.nodes())
+    total = np.zeros((len(own.towers), 3))
+    for k, (a, b) in enumerate(own.spans):
+        if k != broken:
+            total[a] += pulls[k][0]
+            total[b] += pulls[k][1]
+    angle = np.radians(float(state.wind_direction))
+    blows = np.array([np.cos(angle), np.sin(angle), 0.0])
+    for held, hung in own.strings:
+        tower = own.towers[held]
+        length = float(np.asarray(section.string_length)[tower])
+        axis = positions[hung] - positions[held]
+        size = np.linalg.norm(axis)
+        total[hung] -= 1e8 * (size - length) / length * axis / size
+        total[hung, 2] -= 0.5 * float(np.asarray(section.string_weight)[tower])
+        drawn = (nodes[hung] - nodes[held]) / length
+        across = blows - (blows @ drawn) * drawn
+        area = float(np.asarray(section.string_area)[tower])
+        total[hung] += 0.6 * float(state.wind) * area * np.linalg.norm(across) * across
+    return total[[hung for _, hung in own.strings]]
+
+
+def chain_in_equilibrium(section, state, lengths, stiffness, positions, broken):
+    """Positions of all nodes with a broken span, solved by `scipy.optimize.root` from `positions`.
+
+    `lengths` are unstressed, [n_span], m, `stiffness` EA of each span, N: of an elastic conductor.
+    """
+    own = section.layout
+    free = [hung for _, hung in own.strings]
+    loads = state_loads(section, state, lengths, lengths)
+
+    def residual(x):
+        places = positions.copy()
+        places[free] = x.reshape(-1, 3)
+        pulls = [
+            None
+            if k == broken
+            else end_pulls(places[a], places[b], loads[k], lengths[k], stiffness[k])
+            for k, (a, b) in enumerate(own.spans)
+        ]
+        return node_forces(section, state, places, pulls, broken).ravel()
+
+    found = root(residual, positions[free].ravel(), method="hybr", tol=1e-13)
+    places = positions.copy()
+    places[free] = found.x.reshape(-1, 3)
+    return places, np.abs(found.fun).max()
