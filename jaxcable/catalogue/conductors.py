@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 
@@ -127,7 +126,7 @@ class Conductor:
     @property
     def final_modulus(self) -> Float[Array, ""]:
         """Slope of stress over strain when all layers unload, Pa."""
-        return sum(layer.modulus for layer in self.layers)  # type: ignore[return-value]
+        return sum(layer.modulus for layer in self.layers)
 
 
 def conductor(name: str) -> Conductor:
@@ -193,7 +192,7 @@ def _layer_of_row(row, part: str) -> Layer | None:
     expansion = si_value(row, f"{part}_expansion_1e-6_per_k")
     if expansion is None:
         raise FileError(f"{row.place}: {part}_expansion: is empty")
-    creep: Any = row.text(f"{part}_creep_psi")
+    creep = row.text(f"{part}_creep_psi")
     return Layer(
         _coefficients(row.text(f"{part}_initial_psi")),
         100 * _PSI * row.number(f"{part}_modulus_psi"),

@@ -43,8 +43,10 @@ def _layer_stress(layer: Layer, strain, permanent, creeps):
     coefficients = jnp.asarray(layer.initial)
     if layer.creep is not None:
         size = max(len(layer.initial), len(layer.creep))
-        curves = [jnp.pad(jnp.asarray(x), (0, size - len(x))) for x in (layer.creep, layer.initial)]
-        coefficients = jnp.where(creeps, *curves)
+        creep, initial = (
+            jnp.pad(jnp.asarray(x), (0, size - len(x))) for x in (layer.creep, layer.initial)
+        )
+        coefficients = jnp.where(creeps, creep, initial)
     first = _curve_stress(coefficients, strain, layer.limit)
     return jnp.minimum(first, layer.modulus * (strain - permanent))
 
@@ -88,7 +90,7 @@ def tension_at(
 ) -> Scalar:
     """Return the tension of a conductor, N; arguments as of `layer_stresses`."""
     stresses, _ = layer_stresses(conductor, strain, temperature, permanent, creeps=creeps)
-    return conductor.area * sum(stresses)  # type: ignore[return-value]
+    return conductor.area * sum(stresses)
 
 
 def tangent_law(

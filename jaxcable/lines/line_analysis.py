@@ -7,7 +7,6 @@ order in the difference of the tensions along the span.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,11 +21,11 @@ from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.selection import only
 from ..common.tree import copy_with, pytree
-from ..common.types import Array, Float, Int
+from ..common.types import Array, ArrayLike, Float, Int
 from ..forms import catenary_curves
 from ..programs.program_calls import as_program
 from ..results import clearance_over_ground, distance_to_line, horizontal_tensions, sags
-from . import conductor_law, span_law
+from . import span_law
 from .line_section import LineSection
 from .line_states import STRING_DRAG, LineState
 
@@ -35,7 +34,7 @@ _AGREED = 1e-10  # difference of tension and law, over the tension
 _POINTS = 41  # of a curve in pictures and drawings
 _BREAKING_INCREMENTS = 8
 _USUAL = 0.2  # tension over strength with which the iteration begins
-_BATCH = 64  # states from which on they are one batch
+_FEW, _MANY = 8, 64  # states, traced ones and known ones, up to which they are no batch
 
 
 @pytree(static=("names",))
@@ -53,6 +52,7 @@ class LineResults:
         deflection: largest distance from the chord, under wind that of the whole load, [n_span], m.
         lowest: lowest point of each span, [n_span, 3], m.
         strain: of the conductor, from its length without stress, [n_span].
+        permanent: permanent strains that the state leaves in the layers, [n_span, n_layer].
         rest_length, stiffness: of tangent catenaries, unstressed length, m, and EA, N, [n_span].
         span_load: whole load along each span, [n_span, 3], N.
         attachment_forces: of the line on its towers, [n_attachment, 3], N: along the bisector of
@@ -71,7 +71,7 @@ class LineResults:
         >>> strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
         >>> found = jc.lines.analyse(section, strung, {"hot": jc.lines.LineState(75.0)})
         >>> print(found.status, f"{found.sag[0, 0]:.2f} m, {found.clearance[0, 0]:.2f} m")
-        [0] 9.16 m, 10.84 m
+        [0] 9.26 m, 10.74 m
     """
 
     names: tuple[str, ...]
@@ -84,6 +84,7 @@ class LineResults:
     deflection: Float[Array, "n_state n_span"]
     lowest: Float[Array, "n_state n_span 3"]
     strain: Float[Array, "n_state n_span"]
+    permanent: Float[Array, "n_state n_span n_layer"]
     rest_length: Float[Array, "n_state n_span"]
     stiffness: Float[Array, "n_state n_span"]
     span_load: Float[Array, "n_state n_span 3"]
@@ -130,7 +131,7 @@ def analyse(
             `permanent`, a broken span that there is not.
 
     Example:
-        Heavy ice on the first of two spans: the string swings towards it.
+        Heavy ice on the first of two spans:
 
         >>> drake = jc.catalogue.conductor("Drake")
         >>> section = jc.lines.LineSection(
@@ -141,14 +142,12 @@ def analyse(
         >>> iced = jc.lines.LineState(-5.0, ice=[0.02, 0.0])
         >>> found = jc.lines.analyse(section, strung, {"ice on one span": iced})
         >>> print(found.status, f"{found.swing[0, 1, 1]:.1f} degrees along the line")
-        [0] -7.9 degrees along the line
+        [0] -10.4 degrees along the line
     """
     count = len(section.layout.spans)
     if not states:
         raise ValueError("states: give at least one, by name")
     for name, state in states.items():
-        if not isinstance(state, LineState):
-            raise ValueError(f"states[{name!r}]: {checks.describe_type(state, 'LineState(15.0)')}")
         if state.ice.ndim and len(state.ice) != count:
             raise ValueError(f"states[{name!r}].ice: {len(state.ice)} values, {count} spans")
         if state.condition == "final" and permanent is None:
@@ -164,11 +163,12 @@ def analyse(
                 _as_plain(state, count),
                 permanent if state.condition == "final" else virgin,
                 float(state.condition == "creep"),
+                stretched,
             )
             for state in own.values()
         ]
         cases = [jax.tree.map(_as_float, case) for case in cases]
-        each = _analyse_each(section, strung.length, cases, stretched)
+        each = _analyse_each(section, strung.length, cases)
         found |= zip(own, each, strict=True)
     every = span_law.stack([found[name] for name in states])
     return copy_with(every, names=tuple(states))
@@ -185,27 +185,28 @@ def _as_float(x):
     return checks.numpy_or_jax(x).asarray(x, dtype=jnp.result_type(float))
 
 
-@pytree
+@pytree(static=("stretched",))
 class _Case:
-    """A state, the permanent strains of its conductor, and whether it creeps (1) or not (0)."""
+    """A state, permanent strains before it, whether the conductor creeps (1), and `stretched`."""
 
     state: LineState
-    permanent: Float[Array, "n_span n_layer"]
-    creeps: Float[Array, ""]
+    permanent: Float[Array, "n_span n_layer"] | None
+    creeps: Float[ArrayLike, ""]
+    stretched: bool
 
 
-def _analyse_each(section, length, cases, stretched):
+def _analyse_each(section, length, cases):
     """Return the `LineResults` of cases with one broken span, or none, a list.
 
-    Few known ones are run one after another, which is traced sooner than a batch.
+    Few ones are run one after another, which is traced sooner than a batch.
     """
     known = [checks.array_if_known(x) for x in jax.tree.leaves((section, length, cases))]
-    if len(cases) < _BATCH and all(x is not None for x in known):
-        return [_analyse_one(section, length, case, _Options(stretched)) for case in cases]
+    if len(cases) <= (_FEW if any(x is None for x in known) else _MANY):
+        return [_analyse_one(section, length, case) for case in cases]
     stacked = span_law.stack(cases)
     count = len(cases)
     same = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *jnp.shape(x))), (section, length))
-    found = batched(lambda data, case: _analyse_case(*data, case, stretched))(same, stacked)
+    found = batched(lambda data, case: _analyse_case(*data, case))(same, stacked)
     return [jax.tree.map(lambda x, k=k: x[k], found) for k in range(count)]
 
 
@@ -242,55 +243,36 @@ def stretch(
         >>> heavy = {"heavy": jc.lines.LineState(-18.0, ice=0.0127, wind=190.0)}
         >>> left = jc.lines.stretch(section, strung, heavy, jc.lines.LineState(15.0))
         >>> print(left.shape, f"aluminum {1e3 * left[0, 0]:.2f} mm/m")
-        (1, 2) aluminum 1.04 mm/m
+        (1, 2) aluminum 1.05 mm/m
     """
     states = {name: copy_with(state, condition="initial") for name, state in loads.items()}
     if creep is not None:
         states["creep"] = copy_with(creep, condition="creep")
-    found = analyse(section, strung, states, stretched=stretched)
-    virgin, left = span_law.never_loaded(section), []
-    for k, state in enumerate(states.values()):
-        creeps = state.condition == "creep"
-        each = jax.vmap(
-            functools.partial(conductor_law.permanent_strains, section.conductor, creeps=creeps),
-            (0, None, 0),
-        )
-        left.append(each(found.strain[k], jnp.asarray(state.temperature), virgin))
-    return functools.reduce(jnp.maximum, left)
-
-
-@pytree(static=("stretched",))
-class _Options:
-    """Options of the analysis of a state: whether the weight counts per stretched length."""
-
-    stretched: bool
+    return jnp.max(analyse(section, strung, states, stretched=stretched).permanent, axis=0)
 
 
 @as_program
-def _analyse_one(section, length, case, options):
+def _analyse_one(section, length, case):
     """Return the `LineResults` of one `_Case`; a program."""
-    return _analyse_case(section, length, case, options.stretched)
+    return _analyse_case(section, length, case)
 
 
-def _analyse_case(section, length, case, stretched):
+def _analyse_case(section, length, case):
     """Return the `LineResults` of a `_Case`; `length` without stress in each span, [n_span], m."""
     fixed = lax.stop_gradient((section, length, case))
     state = case.state
 
-    def law_of(case):
-        """Return what the law needs beside conductor and strain."""
-        return case.state.temperature, case.permanent, case.creeps > 0
-
     def solve_with(data, strain):
         section, length, case = data
-        free, stiffness = span_law.tangent_of_spans(section.conductor, strain, *law_of(case))
+        free, stiffness = span_law.tangent_of_spans(section.conductor, strain, *_law_of(case))
         rest, scale, wind_scale = length * (1 + free), 1.0, 1.0
         weight = section.conductor.weight / (1 + free)
-        if stretched:  # loads per length of the stretched conductor
+        if case.stretched:  # loads per length of the stretched conductor
             whole = length * (1 + lax.stop_gradient(strain))
             scale, wind_scale = whole / rest, whole / section.chord_lengths()
             weight = section.conductor.weight * scale
-        structure = section.structure(stiffness * (1 + free), weight)
+        of_catenary = stiffness * (1 + free)
+        structure = section.structure(of_catenary, weight)
         loads = case.state.loads(section, scale, wind_scale)
         phases = [Phase(rest_length={"conductor": rest}, loads=loads)]
         if state.broken is not None:
@@ -298,12 +280,12 @@ def _analyse_case(section, length, case, stretched):
             phases.append(Phase(removes=gone, increments=_BREAKING_INCREMENTS))
         solution = solve(structure, phases)
         tension = span_law.mean_tension(solution.element_results["end_pull"]["conductor"])
-        return structure, solution, free + tension / stiffness, tension, stiffness
+        return structure, solution, free + tension / stiffness, tension, of_catenary
 
     def agree(carry):
         strain, _, rounds = carry
         _, _, new, tension, _ = solve_with(fixed, strain)
-        own = span_law.tensions_at(fixed[0].conductor, new, *law_of(fixed[2]))
+        own = span_law.tensions_at(fixed[0].conductor, new, *_law_of(fixed[2]))
         error = jnp.abs(own - tension) / jnp.maximum(jnp.abs(tension), 1.0)
         if state.broken is not None:
             there = np.arange(len(new)) != state.broken
@@ -314,17 +296,22 @@ def _analyse_case(section, length, case, stretched):
         return (carry[1] > _AGREED) & (carry[2] < _ROUNDS)
 
     usual = _USUAL * fixed[0].conductor.strength
-    start = span_law.strains_at(fixed[0].conductor, usual, *law_of(fixed[2]))
+    start = span_law.strains_at(fixed[0].conductor, usual, *_law_of(fixed[2]))
     strain, error, _ = lax.while_loop(goes_on, agree, (start, jnp.ones(()), jnp.zeros((), int)))
     structure, solution, strain, _, stiffness = solve_with((section, length, case), strain)
     agreed = error < 1e-8
     code = jnp.where(agreed, solution.status, status.NOT_CONVERGED)
-    found = _results_of(section, state, structure, solution, strain, stiffness)
+    found = _results_of(section, case, structure, solution, strain, stiffness)
     factor = jnp.where(agreed, 1.0, jnp.nan)
     return copy_with(jax.tree.map(lambda x: x * factor, found), status=code)
 
 
-def _results_of(section, state, structure, solution, strain, stiffness):
+def _law_of(case):
+    """Return what the law of a conductor needs of a `_Case` beside the strain."""
+    return case.state.temperature, case.permanent, case.creeps > 0
+
+
+def _results_of(section, case, structure, solution, strain, stiffness):
     """Return the `LineResults` of one solved state; its status is that of the solution."""
     pulls = solution.element_results["end_pull"]["conductor"]
     sag = sags(structure, solution)["conductor"]
@@ -334,7 +321,7 @@ def _results_of(section, state, structure, solution, strain, stiffness):
         name: distance_to_line(structure, solution, points, on="conductor").distance["conductor"]
         for name, points in section.crossing_points().items()
     }
-    forces, swing = _attachments(section, state, solution, pulls)
+    forces, swing = _attachments(section, case.state, solution, pulls)
     return LineResults(
         names=(),
         status=solution.status,
@@ -346,6 +333,7 @@ def _results_of(section, state, structure, solution, strain, stiffness):
         deflection=sag.deflection,
         lowest=sag.lowest,
         strain=strain,
+        permanent=span_law.permanent_of_spans(section.conductor, strain, *_law_of(case)),
         rest_length=solution.rest_length["conductor"],
         stiffness=stiffness,
         span_load=jnp.sum(pulls, axis=1),
@@ -380,7 +368,7 @@ def _attachments(section, state, solution, pulls):
     if len(hung):
         ends = np.array(own.strings)
         at = tower[hung]
-        weight = jnp.asarray(section.string_weight)[at, None] * jnp.asarray([0.0, 0.0, 1.0])
+        weight = jnp.asarray(section.string_weight)[at, None] * jnp.asarray([[0.0, 0.0, 1.0]])
         drawn = section.nodes()
         force = force.at[hung].add(_string_wind(section, state, drawn, ends, at) - weight)
         drop = solution.positions[ends[:, 1]] - solution.positions[ends[:, 0]]

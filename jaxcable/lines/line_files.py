@@ -53,6 +53,13 @@ class Line(NamedTuple):
         loads: names of the states whose load stretches the conductor for good.
         creep: name of the state in which it creeps for ten years; None: it does not.
         temperatures: of the stringing chart, degrees C.
+
+    Example:
+        >>> drake = jc.catalogue.conductor("Drake")
+        >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
+        >>> line = jc.lines.Line(section, {"parameter": 1500.0}, {"hot": jc.lines.LineState(75.0)})
+        >>> print(line.temperatures)
+        (0.0, 15.0, 30.0)
     """
 
     section: LineSection
@@ -241,7 +248,7 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
             "kind": kind,
             **{c: float(np.asarray(getattr(section, f))[k]) for f, c in _TOWERS.items()},
         }
-        for k, (name, kind) in enumerate(zip(section.names or (), section.kinds, strict=True))
+        for k, (name, kind) in enumerate(zip(section.names, section.kinds, strict=True))
     ]
     states = []
     for name, state in line.states.items():

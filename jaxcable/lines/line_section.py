@@ -78,7 +78,7 @@ def layout_of(kinds: tuple[str, ...], with_string: tuple[bool, ...]) -> Layout:
 
     for tower, kind in enumerate(kinds):
         at_tower = node(tower, True)
-        sides = ("",)
+        sides: tuple[str, ...] = ("",)
         if kind == "strain":
             sides = ("back", "ahead")[tower == 0 : 1 if tower == count - 1 else 2]
         for side in sides:
@@ -139,8 +139,8 @@ class LineSection:
         ...     string_length=2.5,
         ...     string_weight=900.0,
         ... )
-        >>> print(section.ruling_spans())  # m
-        [321.878...]
+        >>> print(f"{section.ruling_spans()[0]:.2f} m")
+        321.87 m
     """
 
     conductor: Conductor
@@ -155,7 +155,7 @@ class LineSection:
     string_area: Float[ArrayLike, ""] | Float[ArrayLike, " n_tower"] = 0.0
     profile: Float[ArrayLike, "n 2"] | None = None
     crossings: Mapping[str, Float[ArrayLike, "n 3"]] | None = None
-    names: Sequence[str] | None = None
+    names: Sequence[str] = ()
     with_string: tuple[bool, ...] | None = None
 
     def __post_init__(self):
@@ -171,7 +171,7 @@ class LineSection:
             raise ValueError(f"kinds: expected {count}, one for each tower, got {len(kinds)}")
         for k, kind in enumerate(kinds):
             checks.require_one_of(kind, f"kinds[{k}]", KINDS)
-        names = [str(k + 1) for k in range(count)] if self.names is None else map(str, self.names)
+        names = map(str, self.names or range(1, count + 1))
         set_fields(self, station=station, kinds=kinds, names=tuple(names))
         if len(self.names) != count or len(set(self.names)) != count:
             raise ValueError(f"names: expected {count} different names, one for each tower")
@@ -225,7 +225,7 @@ class LineSection:
     @property
     def layout(self) -> Layout:
         """Nodes and elements of the section."""
-        return layout_of(self.kinds, self.with_string)  # type: ignore[arg-type]  # set
+        return layout_of(self.kinds, self.with_string)
 
     @property
     def span_lengths(self) -> Float[Array, " n_span"]:
@@ -307,9 +307,11 @@ class LineSection:
             return nodes
         held, hung = np.array(own.strings).T
         at = towers[held]
-        towards = points[np.array(own.reach)] - points[at]
+        reach = np.array(own.reach)
+        plumb = jnp.asarray([[0.0, 0.0, -1.0]])
+        towards = jnp.where((reach == at)[:, None], plumb, points[reach] - points[at])
         size = jnp.sqrt(jnp.sum(towards**2, axis=1, keepdims=True))
-        falling = jnp.asarray([[0.0, 0.0, -0.1]]) + towards / jnp.where(size > 0, size, 1.0)
+        falling = 0.1 * plumb + towards / size
         falling = falling / jnp.sqrt(jnp.sum(falling**2, axis=1, keepdims=True))
         return nodes.at[hung].add(jnp.asarray(self.string_length)[at][:, None] * falling)
 

@@ -36,7 +36,7 @@ class LineStudy:
         >>> line = jc.lines.Line(section, {"parameter": 1500.0}, states, temperatures=(15.0,))
         >>> study = jc.lines.study_line(line)
         >>> print(study.report().summary[1])
-        least height above the ground: 10.84 m in span 1-2, state 'hot'
+        least height above the ground: 10.74 m in span 1-2, state 'hot'
     """
 
     line: Line
@@ -95,6 +95,14 @@ def study_line(line: Line) -> LineStudy:
 
     Raises:
         ValueError: as of `string` and `analyse`.
+
+    Example:
+        >>> drake = jc.catalogue.conductor("Drake")
+        >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
+        >>> states = {"heavy": jc.lines.LineState(-18.0, ice=0.0127)}
+        >>> line = jc.lines.Line(section, {"sag": 7.5}, states, temperatures=(15.0,))
+        >>> print(jc.lines.study_line(line).status)
+        0
     """
     section, states = line.section, line.states
     strung = string(section, **line.stringing)

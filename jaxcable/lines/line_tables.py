@@ -39,7 +39,7 @@ def load_trees(
         >>> found = jc.lines.analyse(section, strung, {"calm": jc.lines.LineState(15.0)})
         >>> tree = jc.lines.load_trees(section, found)
         >>> print({k: round(v) for k, v in tree["calm"]["1"]["ahead"].items()})
-        {'longitudinal': 23949, 'transverse': 0, 'vertical': 2398}
+        {'longitudinal': 23949, 'transverse': 0, 'vertical': 2397}
     """
     forces = np.asarray(results.attachment_forces)
     found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
@@ -47,7 +47,7 @@ def load_trees(
         towers = found.setdefault(state, {})
         for j, one in enumerate(section.layout.attachments):
             parts = dict(zip(_COMPONENTS, map(float, forces[k, j] + 0.0), strict=True))
-            towers.setdefault(section.names[one.tower], {})[one.side or "conductor"] = parts  # type: ignore[index]
+            towers.setdefault(section.names[one.tower], {})[one.side or "conductor"] = parts
     return found
 
 
@@ -58,7 +58,7 @@ def section_tables(
     pulleys: PulleyStates | None = None,
     ruling: RulingSpan | None = None,
 ) -> dict[str, Table]:
-    """Return the tables of a section by name, `reporting.Table`: what `line_report` has.
+    """Return the tables of a section by name, each a `reporting.Table`.
 
     Args:
         section: `LineSection`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,18 +101,19 @@ def save_profile(
         >>> print(jc.lines.save_profile(path, section, found, heights=5.0).name)
         profile.dxf
     """
-    nodes: list[list[float]] = []
+    numbers: dict[tuple[float, float], int] = {}  # of nodes by place: lines share their ends
     elements: dict[str, Any] = {}
     for name, lines in profile_lines(section, results).items():
-        links = []
-        for points in lines:
-            first = len(nodes)
-            nodes += [[float(s), heights * float(z), 0.0] for s, z in points]
-            links += [[k, k + 1] for k in range(first, len(nodes) - 1)]
         kind = Bars if name == "towers" else Cables
+        links: list[tuple[int, int]] = []
+        for points in lines:
+            places = [(round(float(s), 6), round(heights * float(z), 6)) for s, z in points]
+            own = [numbers.setdefault(place, len(numbers)) for place in places]
+            links += itertools.pairwise(own)
         if links:
             elements[name] = kind(links, axial_stiffness=1.0)
-    drawing = Structure(nodes, elements, pinned([0]))
+    nodes = [[s, z, 0.0] for s, z in numbers]
+    drawing = Structure(nodes, elements, pinned(range(len(nodes))))
     return save_dxf(path, drawing)[0]
 
 
@@ -140,24 +142,25 @@ def plot_profile(
     from ..plots import style  # slow to import: matplotlib
 
     figure = style.new_figure(9.0, 4.4)
-    axes = figure.add_subplot()
+    axes, count = figure.add_subplot(), 0
     for name, lines in profile_lines(section, results).items():
         gray = {"ground": "0.55", "towers": "0.25", "strings": "0.25"}.get(name)
+        color = gray or style.SERIES[count % len(style.SERIES)]
+        count += gray is None
         for k, points in enumerate(lines):
             label = name if k == 0 and gray is None else None
-            width = 2.0 if name == "towers" else 1.2
-            axes.plot(*points.T, color=gray, linewidth=width, label=label)
-            if k == 0 and gray is None:
-                gray = axes.lines[-1].get_color()  # one color for all spans of a state
+            axes.plot(
+                *points.T, color=color, linewidth=2.0 if name == "towers" else 1.2, label=label
+            )
     for station, ground, height, name in zip(
         *(np.asarray(x) for x in (section.station, section.ground, section.height)),
-        section.names or (),
+        section.names,
         strict=True,
     ):
         axes.annotate(
             name, (station, ground + height), xytext=(0, 3), textcoords="offset points", ha="center"
         )
     axes.set_xlabel("station, m")
-    axes.set_ylabel("elevation, m (other scale)")
+    axes.set_ylabel("elevation, m (magnified)")
     figure.legend(loc="outside lower center", ncols=4, **style.LEGEND)
     return style.finish_figure(figure, path)

