@@ -32,7 +32,7 @@ from .line_states import STRING_DRAG, LineState
 _ROUNDS = 40  # of the law of the conductor; Newton's method needs three to six
 _AGREED = 1e-10  # difference of tension and law, over the tension
 _POINTS = 41  # of a curve in pictures and drawings
-_BREAKING_INCREMENTS = 8
+_BREAKING_INCREMENTS = 2
 _USUAL = 0.2  # tension over strength with which the iteration begins
 _FEW, _MANY = 8, 64  # states, traced ones and known ones, up to which they are no batch
 

@@ -21,7 +21,7 @@ from ..model.supports import pinned
 KINDS = "suspension", "strain", "post"
 """How a tower holds the conductor: by a hanging string, by strings in line, on a rigid post."""
 
-_STRING_STIFFNESS = 1e8  # EA of insulator strings, N: a string of 3 m gives 0.3 mm at 10 kN
+_STRING_STIFFNESS = 1e9  # EA of insulator strings, N: one of 3 m gives 0.1 mm at 30 kN
 _TABLE = ("station", "ground", "height", "offset", "angle")
 _STRINGS = ("string_length", "string_weight", "string_area")
 

@@ -5,7 +5,6 @@ points, not a closed form; the force at its first end is found by Newton's metho
 """
 
 import numpy as np
-from scipy.optimize import root
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(24)
 POINTS, WEIGHTS = 0.5 * (1 + POINTS), 0.5 * WEIGHTS
@@ -19,23 +18,26 @@ def tensions_along(pull, load):
     return pull - POINTS[:, None] * load
 
 
-def chord_of(pull, load, length, stiffness):
-    """Vector between the ends of a span, [3], m."""
-    vectors = tensions_along(pull, load)
-    sizes = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return length * WEIGHTS @ ((1 / stiffness + 1 / sizes) * vectors)
-
-
 def end_pulls(first, last, load, length, stiffness):
-    """Forces of a span on its end nodes, [2, 3], N, for given ends."""
+    """Forces of a span on its end nodes, [2, 3], N, for given ends, by Newton's method."""
     chord = last - first
-    guess = 0.2 * np.linalg.norm(load) * length / max(length - np.linalg.norm(chord), 1e-2 * length)
-    start = np.linalg.norm(guess) * chord / np.linalg.norm(chord) + 0.5 * load
-    found = root(
-        lambda pull: chord_of(pull, load, length, stiffness) - chord, start, method="lm", tol=1e-14
-    )
-    assert np.abs(found.fun).max() < 1e-9 * length
-    return np.stack([found.x, load - found.x])
+    size = np.linalg.norm(chord)
+    slack = max(length - size, 1e-4 * length)
+    level = min(np.linalg.norm(load) * np.sqrt(length / (24 * slack)), 0.01 * stiffness)
+    pull = level * chord / size + 0.5 * load
+    for _ in range(50):
+        vectors = tensions_along(pull, load)
+        sizes = np.linalg.norm(vectors, axis=1)
+        error = length * WEIGHTS @ ((1 / stiffness + 1 / sizes)[:, None] * vectors) - chord
+        units = vectors / sizes[:, None]
+        across = np.eye(3) - units[:, :, None] * units[:, None, :]
+        slope = np.einsum("k,kij->ij", WEIGHTS / sizes, across) + np.eye(3) / stiffness
+        step = np.linalg.solve(length * slope, error)
+        pull = pull - step * min(1.0, 0.5 * np.linalg.norm(pull) / max(np.linalg.norm(step), 1e-30))
+        if np.abs(error).max() < 1e-12 * length:
+            break
+    assert np.abs(error).max() < 1e-11 * length
+    return np.stack([pull, load - pull])
 
 
 def layer_stress(layer, strain, permanent):
@@ -105,12 +107,12 @@ def node_forces(section, state, positions, pulls, broken=None):
         length = float(np.asarray(section.string_length)[own.towers[held]])
         axis = positions[hung] - positions[held]
         size = np.linalg.norm(axis)
-        total[hung] += 0.5 * load - 1e8 * (size - length) / length * axis / size
+        total[hung] += 0.5 * load - 1e9 * (size - length) / length * axis / size
     return total[[hung for _, hung in own.strings]]
 
 
 def broken_chain(section, state, lengths, stiffness, weights, start, broken):
-    """Positions of a section with a broken span by SciPy's `root`, and the largest residual, N.
+    """Positions of a section with a broken span by Newton's method, and the largest residual, N.
 
     Args:
         section, state: of calm air, without ice.
@@ -134,7 +136,15 @@ def broken_chain(section, state, lengths, stiffness, weights, start, broken):
         ]
         return node_forces(section, state, places, pulls, broken).ravel()
 
-    found = root(residual, start[hung].ravel(), method="hybr", tol=1e-12)
+    x = start[hung].ravel()
+    for _ in range(60):
+        force = residual(x)
+        step = 1e-6 * np.eye(len(x))
+        slope = np.stack([(residual(x + h) - force) / 1e-6 for h in step], axis=1)
+        move = np.linalg.solve(slope, force)
+        x = x - move * min(1.0, 0.5 / np.abs(move).max())
+        if np.abs(move).max() < 1e-7:
+            break
     places = start.copy()
-    places[hung] = found.x.reshape(-1, 3)
-    return places, np.abs(found.fun).max()
+    places[hung] = x.reshape(-1, 3)
+    return places, np.abs(residual(x)).max()
