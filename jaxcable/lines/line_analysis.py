@@ -131,18 +131,15 @@ def analyse(
             `permanent`, a broken span that there is not.
 
     Example:
-        Heavy ice on the first of two spans:
+        Ice of 20 mm more than doubles the tension of Drake.
 
         >>> drake = jc.catalogue.conductor("Drake")
-        >>> section = jc.lines.LineSection(
-        ...     drake, [0.0, 300.0, 600.0], [0.0] * 3, [25.0] * 3, ["post", "suspension", "post"],
-        ...     string_length=2.5, string_weight=900.0,
-        ... )
+        >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
         >>> strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
-        >>> iced = jc.lines.LineState(-5.0, ice=[0.02, 0.0])
-        >>> found = jc.lines.analyse(section, strung, {"ice on one span": iced})
-        >>> print(found.status, f"{found.swing[0, 1, 1]:.1f} degrees along the line")
-        [0] -10.4 degrees along the line
+        >>> states = {"calm": jc.lines.LineState(-5.0), "ice": jc.lines.LineState(-5.0, ice=0.02)}
+        >>> found = jc.lines.analyse(section, strung, states)
+        >>> print(found.status, (found.horizontal[:, 0] / 1e3).round(2), "kN")
+        [0 0] [26.1  52.05] kN
     """
     count = len(section.layout.spans)
     if not states:

@@ -160,6 +160,7 @@ def plot_profile(
         axes.annotate(
             name, (station, ground + height), xytext=(0, 3), textcoords="offset points", ha="center"
         )
+    axes.margins(y=0.12)
     axes.set_xlabel("station, m")
     axes.set_ylabel("elevation, m (magnified)")
     figure.legend(loc="outside lower center", ncols=4, **style.LEGEND)

@@ -99,6 +99,7 @@ def strings_of(section, positions):
     return np.array(found).T
 
 
+@pytest.mark.slow_cases("level")
 @pytest.mark.parametrize("name", CASES)
 def test_sections_as_strung(name):
     """Lengths to 1e-6, strings to 0.2 mm: ours lengthen by 0.1 mm under 35 kN."""
@@ -111,6 +112,7 @@ def test_sections_as_strung(name):
     np.testing.assert_allclose(strings_of(section, strung.clamps), strings, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_wind_on_a_section():
     """300 N/m2 across: strings to 0.2 mm, loads on towers to 2e-4 of the tension."""
     section = section_of(CASES["level"][0][0])

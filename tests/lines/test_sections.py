@@ -92,6 +92,7 @@ def test_loads_on_towers_are_those_of_the_line():
         assert np.abs(total - whole).max() < 1e-6 * np.abs(loads).sum(), name
 
 
+@pytest.mark.slow
 def test_broken_conductor_is_that_of_a_chain_of_catenaries():
     """An elastic conductor: positions of all clamps by another solver to 1e-6 m."""
     section = six_spans("243-AL1/39-ST1A")
