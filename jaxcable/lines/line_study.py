@@ -59,6 +59,9 @@ class LineStudy:
         section, found = self.line.section, self.results
         tables = section_tables(section, self.line.states, found, self.pulleys, self.ruling)
         sentences = [f"status {self.status}: {status.describe(self.status)}"]
+        codes = zip(found.names, np.asarray(found.status).tolist(), strict=True)
+        if failed := [name for name, code in codes if code != status.OK]:
+            sentences.append(f"no results of the states {', '.join(failed)}")
         spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
 
         def extreme(values, pick, text):

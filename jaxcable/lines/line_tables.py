@@ -98,9 +98,18 @@ def section_tables(
     return tables
 
 
-def _span_names(section):
-    """Return names of the spans, "1-2" of the towers 1 and 2, a list."""
-    return [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+def _span_rows(section, names, *values):
+    """Return a row for each state and span: name of the state, "1-2" of the towers, the values.
+
+    `values` are arrays [n_state, n_span]; infinite ones become None.
+    """
+    spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+    every = [np.asarray(x, float).tolist() for x in values]
+    return [
+        [name, span, *(None if x[k][j] == np.inf else x[k][j] for x in every)]
+        for k, name in enumerate(names)
+        for j, span in enumerate(spans)
+    ]
 
 
 def _tower_table(section):
@@ -134,37 +143,24 @@ def _state_table(states):
 
 def _span_table(section, results):
     """Return the table of tensions, sags and clearances of every state and span."""
-    crossings = list(results.crossings)
-    rows, ends = [], np.asarray(results.tensions).max(axis=-1)
-    for k, state in enumerate(results.names):
-        for j, span in enumerate(_span_names(section)):
-            values = (results.horizontal, ends, results.utilization, results.sag, results.clearance)
-            near = [results.crossings[name][k, j] for name in crossings]
-            numbers = [float(x[k, j]) for x in values]
-            rows.append([state, span, *numbers, *map(float, near)])
+    ends, near = np.asarray(results.tensions).max(axis=-1), results.crossings
+    values = results.horizontal, ends, results.utilization, results.sag, results.clearance
+    rows = _span_rows(section, results.names, *values, *near.values())
     heads = (
         *("state", "span", ("H", "N", "horizontal tension"), ("largest tension", "N")),
         *(("utilization", "-", "of rated strength"), ("sag", "m", "vertical sag at midspan")),
         ("clearance", "m", "above the ground"),
-        *((name, "m", f"distance from {name}") for name in crossings),
+        *((name, "m", f"distance from {name}") for name in near),
     )
-    finite = [[None if v in (float("inf"),) else v for v in row] for row in rows]
-    return make_table("Tensions, sags, clearances", columns_of_rows(finite, *heads))
+    return make_table("Tensions, sags, clearances", columns_of_rows(rows, *heads))
 
 
 def _stringing_table(section, pulleys):
     """Return the stringing chart: sags on pulleys and clamped, offsets, for every temperature."""
-    rows = []
-    for k, name in enumerate(pulleys.clamped.names):
-        for j, span in enumerate(_span_names(section)):
-            offset = float(pulleys.offsets[k, j]) if j < len(section.names) - 2 else None
-            numbers = (
-                pulleys.horizontal,
-                pulleys.sag,
-                pulleys.clamped.horizontal,
-                pulleys.clamped.sag,
-            )
-            rows.append([name, span, *(float(x[k, j]) for x in numbers), offset])
+    clamped = pulleys.clamped
+    offsets = np.pad(pulleys.offsets, ((0, 0), (0, 1)), constant_values=np.nan)
+    values = pulleys.horizontal, pulleys.sag, clamped.horizontal, clamped.sag, offsets
+    rows = _span_rows(section, clamped.names, *values)
     heads = (
         *("temperature", "span", ("H on pulleys", "N"), ("sag on pulleys", "m")),
         *(("H clamped", "N"), ("sag clamped", "m"), ("offset", "m", "forward at its second tower")),
@@ -201,17 +197,8 @@ def _load_table(section, results):
 
 def _ruling_table(section, results, ruling):
     """Return the table of the ruling span beside the exact answer."""
-    rows = []
-    for k, state in enumerate(results.names):
-        for j, span in enumerate(_span_names(section)):
-            values = (
-                results.horizontal,
-                ruling.horizontal,
-                results.sag,
-                ruling.sag,
-                ruling.sag_error,
-            )
-            rows.append([state, span, *(float(x[k, j]) for x in values)])
+    values = results.horizontal, ruling.horizontal, results.sag, ruling.sag, ruling.sag_error
+    rows = _span_rows(section, results.names, *values)
     heads = (
         *("state", "span", ("H", "N", "H exact"), ("H ruling", "N", "H of the ruling span")),
         *(("sag", "m", "sag exact"), ("sag ruling", "m", "sag by the ruling span"), ("error", "m")),

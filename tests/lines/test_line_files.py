@@ -114,6 +114,8 @@ def test_command_writes_report_drawing_and_picture(folder, capsys, monkeypatch):
     assert {"ground", "towers", "hot"} <= set(net.groups) if hasattr(net, "groups") else True
     assert (folder / "line.pdf").stat().st_size > 10_000
     assert (folder / "line.png").stat().st_size > 10_000
+    assert main([*words.split()[:-4], "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
     assert main(["line", "towers.csv", "--conductor", "Drake", "--sag", "5"]) == 2
     assert "no states" in capsys.readouterr().err
 

@@ -258,6 +258,24 @@ def test_strain_towers_in_the_middle_separate_tension_sections():
     np.testing.assert_allclose(calm.horizontal[0, :2], found.horizontal[0, :2], rtol=1e-9)
 
 
+@pytest.mark.slow
+def test_uplift_at_a_low_tower():
+    """A cold conductor lifts a post in a dip: twice the level tension times the slopes at it."""
+    drake = jc.catalogue.conductor("Drake")
+    section = jc.lines.LineSection(
+        drake, [0.0, 250.0, 500.0], [0.0] * 3, [45.0, 20.0, 45.0], "post"
+    )
+    strung = jc.lines.string(section, parameter=1500.0, temperature=15.0)
+    found = jc.lines.analyse(section, strung, {"cold": State(-20.0)})
+    table = jc.lines.section_tables(section, {"cold": State(-20.0)}, found)["tower_loads"]
+    assert [row[-1] for row in table.rows] == ["", "uplift", ""]
+    level, weight = float(found.horizontal[0, 0]), float(-found.span_load[0, 0, 2])
+    # from each side: level tension times the slope of the chord, less half of the load; to 1 %,
+    # because the lower end of an inclined catenary carries a little less than half
+    up = 2 * (level * 25.0 / 250.0 - 0.5 * weight)
+    assert abs(-table.rows[1][5] / up - 1) < 0.01
+
+
 WRONG = {
     "kinds": ({"kinds": "hanging"}, "kinds"),
     "stations": ({"station": [0.0, 0.0]}, "station"),
