@@ -23,7 +23,8 @@ WINGS = {
     "scenes": ["scenes"],
     "design": ["standards", "design", "studies", "reliability"],
     "files": ["files", "catalogue"],
-    "output": ["plots", "reporting", "cli"],
+    "output": ["plots", "reporting"],
+    "applications": ["lines", "cli"],
 }
 ORDER = [room for wing in WINGS.values() for room in wing]
 BEGIN, END = "<!-- rooms: python tests/rooms.py -->\n", "<!-- end of rooms -->\n"

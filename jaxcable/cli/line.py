@@ -1,0 +1,73 @@
+"""``line``: string a section of an overhead line, analyse its states, report tables, clearances and
+loads on towers.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from .. import lines
+from ..common import status
+from . import outputs
+from .guard import FAILED, BadInput, refuse_value_errors, require_writable
+
+
+def run(options: Namespace) -> int | None:
+    """Study the line in `options.line`, print what governs, and write report, drawing, picture."""
+    outputs.check_suffix(options.save, (".dxf", ".json"), "--save")
+    outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
+    for path in options.report:
+        outputs.check_suffix(path if path != "-" else None, outputs.REPORTS, "--report")
+    inputs = [options.line, options.states, options.ground, options.crossings]
+    written = [options.save, options.plot, *(path for path in options.report if path != "-")]
+    require_writable(*written, inputs=[path for path in inputs if path is not None])
+    with refuse_value_errors(options.line):
+        line = lines.load_line(
+            options.line,
+            states=options.states,
+            ground=options.ground,
+            crossings=options.crossings,
+            conductor_name=options.conductor,
+            stringing=_stringing(options),
+        )
+        if not line.states:
+            raise BadInput(f"{options.line}: no states; give some in the file or by --states")
+        study = lines.study_line(line)
+    report = study.report()
+    wrote = []
+    for path in options.report:
+        if path == "-":
+            continue
+        pictures = None
+        if path.lower().endswith((".pdf", *outputs.PAGES)):
+            pictures = {"Profile": lines.plot_profile(line.section, study.results)}
+        wrote += report.save(path, title=options.title or f"Line {options.line}", pictures=pictures)
+    if options.save is not None and options.save.lower().endswith(".json"):
+        wrote.append(lines.save_line(options.save, line))
+    elif options.save is not None:
+        with refuse_value_errors(options.save):
+            wrote.append(
+                lines.save_profile(
+                    options.save, line.section, study.results, heights=options.heights
+                )
+            )
+    if options.plot is not None:
+        outputs.save_picture(lines.plot_profile(line.section, study.results), options.plot)
+        wrote.append(options.plot)
+    print(report.text() if "-" in options.report else "\n".join(report.summary))
+    for path in wrote:
+        print(f"wrote {path}")
+    return None if study.status == status.OK else FAILED
+
+
+def _stringing(options):
+    """Return the arguments of `lines.string` that options give; None for those of the file."""
+    names = {"parameter": "parameter", "tension": "horizontal_tension", "sag": "sag"}
+    given = {
+        name: getattr(options, option)
+        for option, name in names.items()
+        if getattr(options, option) is not None
+    }
+    if len(given) > 1:
+        raise BadInput("--parameter, --tension, --sag: give one of them")
+    return {**given, "temperature": options.at} if given else None

@@ -1,0 +1,120 @@
+"""A whole job: string a line of a file, analyse its states, report tables and a profile."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ..common import status
+from ..common.tree import copy_with
+from ..common.types import Array, Float
+from ..reporting import Report
+from .line_analysis import LineResults, analyse, stretch
+from .line_files import Line
+from .line_tables import section_tables
+from .span_tables import RulingSpan, ruling_span
+from .stringing import PulleyStates, Stringing, pulleys, string
+
+
+@dataclasses.dataclass(frozen=True)
+class LineStudy:
+    """Everything on a line: the result of `study_line`.
+
+    Attributes:
+        line: the `Line`, in which final states have the condition "final".
+        strung: `Stringing`.
+        permanent: permanent strains of the layers, [n_span, n_layer]; None: no state stretches.
+        results: `LineResults` of all states.
+        pulleys: `PulleyStates`: sags on pulleys and offsets.
+        ruling: `RulingSpan`.
+
+    Example:
+        >>> drake = jc.catalogue.conductor("Drake")
+        >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
+        >>> states = {"hot": jc.lines.LineState(75.0)}
+        >>> line = jc.lines.Line(section, {"parameter": 1500.0}, states, temperatures=(15.0,))
+        >>> study = jc.lines.study_line(line)
+        >>> print(study.report().summary[1])
+        least height above the ground: 10.74 m in span 1-2, state 'hot'
+    """
+
+    line: Line
+    strung: Stringing
+    permanent: Float[Array, "n_span n_layer"] | None
+    results: LineResults
+    pulleys: PulleyStates
+    ruling: RulingSpan
+
+    @property
+    def status(self) -> int:
+        """The first status of stringing, states and pulleys that is not OK; OK if all are."""
+        codes = np.concatenate(
+            [np.ravel(x) for x in (self.strung.status, self.results.status, self.pulleys.status)]
+        )
+        return int(next((code for code in codes if code != status.OK), status.OK))
+
+    def report(self) -> Report:
+        """Return the tables of `section_tables` and sentences on what governs, as a `Report`."""
+        section, found = self.line.section, self.results
+        tables = section_tables(section, self.line.states, found, self.pulleys, self.ruling)
+        sentences = [f"status {self.status}: {status.describe(self.status)}"]
+        codes = zip(found.names, np.asarray(found.status).tolist(), strict=True)
+        if failed := [name for name, code in codes if code != status.OK]:
+            sentences.append(f"no results of the states {', '.join(failed)}")
+        spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+
+        def extreme(values, pick, text):
+            """Add a sentence with the extreme value of [n_state, n_span] numbers."""
+            values = np.asarray(values)
+            if np.isfinite(values).any():
+                finite = np.where(
+                    np.isfinite(values), values, np.inf if pick is np.argmin else -np.inf
+                )
+                k, j = np.unravel_index(pick(finite), values.shape)
+                where = f"in span {spans[j]}, state {found.names[k]!r}"
+                sentences.append(text.format(values[k, j]) + " " + where)
+
+        extreme(found.clearance, np.argmin, "least height above the ground: {:.2f} m")
+        for name, near in found.crossings.items():
+            extreme(near, np.argmin, f"least distance from {name}: {{:.2f}} m")
+        extreme(found.utilization, np.argmax, "largest tension over rated strength: {:.1%}")
+        uplift = [
+            f"{row[1]} ({row[0]})" for row in tables["tower_loads"].rows if row[-1] == "uplift"
+        ]
+        if uplift:
+            sentences.append(f"uplift at towers {', '.join(dict.fromkeys(uplift))}")
+        return Report(self.status, tuple(sentences), tables)
+
+
+def study_line(line: Line) -> LineStudy:
+    """String a line, stretch it, analyse all its states, find its stringing chart and ruling span.
+
+    Args:
+        line: `Line`, as of `load_line`.
+
+    Returns:
+        `LineStudy`; its `report` has all tables.
+
+    Raises:
+        ValueError: as of `string` and `analyse`.
+
+    Example:
+        >>> drake = jc.catalogue.conductor("Drake")
+        >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
+        >>> states = {"heavy": jc.lines.LineState(-18.0, ice=0.0127)}
+        >>> line = jc.lines.Line(section, {"sag": 7.5}, states, temperatures=(15.0,))
+        >>> print(jc.lines.study_line(line).status)
+        0
+    """
+    section, states = line.section, line.states
+    strung = string(section, **line.stringing)
+    permanent = None
+    if line.loads or line.creep is not None:
+        loads = {name: states[name] for name in line.loads}
+        creep = None if line.creep is None else copy_with(states[line.creep], broken=None)
+        permanent = stretch(section, strung, loads, creep)
+    results = analyse(section, strung, states, permanent=permanent)
+    chart = pulleys(section, strung, line.temperatures)
+    ruling = ruling_span(section, strung, states, results, permanent=permanent)
+    return LineStudy(line, strung, permanent, results, chart, ruling)
