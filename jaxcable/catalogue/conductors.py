@@ -132,9 +132,9 @@ class Conductor:
 def conductor(name: str) -> Conductor:
     """Return a conductor of overhead lines by name, for `jc.lines`.
 
-    "Drake" (ACSR) and "Arbutus" (AAC) have curves of first loading and of ten years of creep. All
-    other conductors of the tables (`cable_names`) have one layer, which is elastic: their final
-    modulus and thermal expansion, without permanent stretch.
+    "Drake" (ACSR) has curves of first loading and of ten years of creep. All other conductors of
+    the tables (`cable_names`) have one layer, which is elastic: their final modulus and thermal
+    expansion, without permanent stretch.
 
     Args:
         name: as in the tables; capitals, spaces and hyphens do not count.

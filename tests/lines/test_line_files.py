@@ -122,24 +122,16 @@ def test_command_writes_report_drawing_and_picture(folder, capsys, monkeypatch):
 
 def test_conductors_have_plausible_curves():
     """Slopes of first loading below the final modulus, creep below first loading."""
-    drake, arbutus = (jc.catalogue.conductor(name) for name in ("ACSR Drake", "AAC Arbutus"))
-    assert (len(drake.layers), len(arbutus.layers)) == (2, 1)
+    drake = jc.catalogue.conductor("ACSR Drake")
+    assert len(drake.layers) == 2
     assert abs(drake.final_modulus / 69.6e9 - 1) < 1e-3  # that of the table of cables
-    for one in (drake, arbutus):
-        assert 150e6 < one.strength / one.area < 320e6
-        for layer in one.layers:
-            strains = np.linspace(1e-3, 4e-3, 7)
-            first = sum(c * strains**k for k, c in enumerate(layer.initial))
-            creep = sum(c * strains**k for k, c in enumerate(layer.creep))
-            slopes = np.diff(first) / np.diff(strains)
-            assert (slopes < 1.05 * layer.modulus).all() and (slopes > 0).all()
-            assert (creep < 1.1 * first).all()
-    # the two forms of the initial curve of 37 strands that are printed agree: strain from stress
-    (layer,) = arbutus.layers
-    for strain in (1e-3, 2e-3, 4e-3):
-        stress = sum(c * strain**k for k, c in enumerate(layer.initial)) / 6894.757
-        percent = 5.31e-3 + 1.74e-5 * stress - 6.17e-10 * stress**2 + 5.05e-14 * stress**3
-        assert abs(percent / (100 * strain) - 1) < 0.07
+    for layer in drake.layers:
+        strains = np.linspace(1e-3, 4e-3, 7)
+        first = sum(c * strains**k for k, c in enumerate(layer.initial))
+        creep = sum(c * strains**k for k, c in enumerate(layer.creep))
+        slopes = np.diff(first) / np.diff(strains)
+        assert (slopes < 1.05 * layer.modulus).all() and (slopes > 0).all()
+        assert (creep < 1.1 * first).all()
     elastic = jc.catalogue.conductor("Hawk")
     assert elastic.final_modulus == jc.catalogue.cable("Hawk").modulus
     with pytest.raises(ValueError, match="not a conductor"):

@@ -182,16 +182,16 @@ def test_aluminum_goes_slack_at_heat():
 
 @pytest.mark.slow
 def test_limits_after_stretch_and_the_governing_one():
-    arbutus = jc.catalogue.conductor("Arbutus")
+    drake = jc.catalogue.conductor("Drake")
     states = {"15": jc.lines.LineState(15.0), "ice": jc.lines.LineState(-5.0, ice=0.01)}
-    limits = {"15": (0.15 * float(arbutus.strength), "final"), "ice": 0.9 * float(arbutus.strength)}
+    limits = {"15": (0.15 * float(drake.strength), "final"), "ice": 0.9 * float(drake.strength)}
     found = jc.lines.sag_tension(
-        arbutus, 100.0, states, limits, stretched_by=["ice"], creep="15", rise=10.0
+        drake, 100.0, states, limits, stretched_by=["ice"], creep="15", rise=10.0
     )
     assert found.governing == "15" and (found.final.status == jc.status.OK).all()
-    assert abs(float(found.tension[0, 1] / arbutus.strength) - 0.15) < 1e-8
+    assert abs(float(found.tension[0, 1] / drake.strength) - 0.15) < 1e-8
     assert (found.tension[:, 0] >= found.tension[:, 1] * (1 - 1e-9)).all()
     assert (found.sag[0, 1] > found.sag[0, 0]) and (found.tension[1, 0] < limits["ice"])
     for wrong in ({"20": 1e4}, {}, {"15": 1e9}):
         with pytest.raises(ValueError):
-            jc.lines.sag_tension(arbutus, 100.0, states, wrong)
+            jc.lines.sag_tension(drake, 100.0, states, wrong)
