@@ -11,7 +11,7 @@ import numpy as np
 
 from ..catalogue.conductors import Conductor
 from ..common import checks
-from ..common.rules import Rule, not_negative, positive, refuse_if_broken
+from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..elements import Bars, Catenaries
@@ -193,6 +193,8 @@ class LineSection:
                 raise ValueError(f"crossings[{name!r}]: expected shape [n, 3], n >= 2")
         set_fields(self, crossings=crossings)
         refuse_if_broken(self.rules())
+        step = nan_if_broken(positive("differences of station", station[1:] - station[:-1]))
+        set_fields(self, station=station + 0 * step.sum())
 
     def _check_strings(self):
         """Set `with_string` from known lengths; ValueError for suspension towers without string."""

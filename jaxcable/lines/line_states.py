@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, not_negative, refuse_if_broken
+from ..common.rules import Rule, nan_if_broken, not_negative, refuse_if_broken
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..loads import IceLoads, LineLoads, SelfWeight, WindLoads, WindTable
@@ -72,6 +72,8 @@ class LineState:
         set_fields(self, ice=ice)
         checks.require_one_of(self.condition, "condition", CONDITIONS)
         refuse_if_broken(self.rules())
+        # the other numbers are those of loads, which look at traced ones
+        set_fields(self, extra=nan_if_broken(not_negative("extra", self.extra)))
 
     def rules(self) -> list[Rule]:
         """Return the rules that the numbers must satisfy, a list of `Rule`."""
