@@ -87,6 +87,24 @@ def examples():
         jc.Varying(nodal, [0.0, 0.5, 1.0], [0.0, 1.0, 0.2]),
         *(jc.Incremental(tol=np.array(0.1)), target, net, action),
         jc.standards.SteelSection(*np.full((5, 1), 1e-3)),
+        *motion(),
+    ]
+
+
+def motion():
+    """Objects of motion in time, and of overhead lines."""
+    dynamics, post = jc.dynamics, ["post", "suspension", "post"]
+    layer = jc.catalogue.Layer([0.0, 7e10], np.array(7e10), 2e-5, [0.0, 6e10])
+    sizes = (np.array(x) for x in (4e-4, 0.03, 15.0, 1e5))
+    conductor = jc.catalogue.Conductor((layer,), *sizes)
+    ground = {"profile": [[0.0, 0.0], [2.0, 0.0]], "crossings": {"road": np.zeros((2, 3))}}
+    places = [0.0, 1.0, 2.0], [0.0] * 3, [9.0] * 3, post
+    return [
+        *(dynamics.Rayleigh(np.array(0.1)), dynamics.ModalDamping([1.0], np.ones((1, 2, 3)), 0.1)),
+        *(dynamics.Dashpots([[0, 1]], [5.0]), dynamics.Removal({"net": np.ones(4, bool)})),
+        dynamics.Turbulence(jc.WindPowerLaw(20.0, 0.2), np.array(3.0), np.array(150.0)),
+        *(layer, conductor, jc.lines.LineState(np.array(5.0), ice=[0.01, 0.02])),
+        jc.lines.LineSection(conductor, *places, string_length=[2.0] * 3, **ground),
     ]
 
 
@@ -161,6 +179,7 @@ def test_every_class_that_users_construct_is_among_the_examples():
         one for one in shipped if not is_check(one)
     } <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
+    made_by_the_package |= {"Line", "LineStudy"}
     made_by_the_package |= {
         "Omission",
         "Cases",
