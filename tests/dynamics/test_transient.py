@@ -71,6 +71,7 @@ def test_damping_has_the_overshoot_of_its_ratio(kind):
     assert_allclose(moved.energy.error, 0, atol=1e-4 * PULL**2 / STIFFNESS)
 
 
+@pytest.mark.filterwarnings("ignore:dt. from t = .* the steps lose")
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
 def test_the_spectral_radius_is_what_a_step_leaves_of_fast_oscillations(radius):
     """By a step of a thousand periods, minus the radius is a triple root: what is left of it after
