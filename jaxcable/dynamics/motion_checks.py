@@ -131,9 +131,9 @@ def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) ->
     Raises:
         ValueError: its time is no whole number of steps or traced; its forces end after the motion.
     """
-    time, step, release = (
-        checks.array_if_known(v) for v in (removes.time, duration, removes.duration)
-    )
+    given = removes.time, duration, removes.duration
+    known: list[Any] = [checks.array_if_known(v) for v in given]
+    time, step, release = known
     if not (time is not None and time == 0) and (time is None or step is None):
         raise ValueError("removes.time, dt: are traced; the step of a removal is topology")
     number = 0.0 if time == 0 else float(time) / float(step)

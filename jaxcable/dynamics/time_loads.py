@@ -83,8 +83,8 @@ def in_time(
             raise ValueError(f"{name}(time): expected an array of shape {right}, got {got}")
         return values
     hint = f"; {len(times)} = steps + 1"
-    right = ((len(times), *shape) for shape in shapes)
-    values = checks.floats_of_shape(given, name, *right, hint=hint)
+    whole = [(len(times), *shape) for shape in shapes]
+    values = checks.floats_of_shape(given, name, *whole, hint=hint)
     require_finite(values, name)
     return values
 

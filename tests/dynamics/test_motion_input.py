@@ -6,7 +6,7 @@ import pytest
 from oracles.convergence import converged
 
 import jaxcable as jc
-from jaxcable.dynamics import Removal, transient
+from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, falling_load, transient
 
 BAR = jc.Bars([[0, 1]], axial_stiffness=1e3)
 NODES = [[0.0, 0, 0], [1.0, 0, 0]]
@@ -115,3 +115,35 @@ def test_a_motion_that_gains_energy_is_warned_of():
         moved = converged(transient(structure, bob, dt=0.05, **given))
     assert len(seen) == 1 and seen[0].filename == __file__
     assert np.max(moved.energy.error) > 1.5 * 2.0 * 9.80665  # of a fall of 1 m
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (
+            lambda: Dashpots([[0, 1], [1, 1]], 5.0),
+            r"nodes\[1\] = \[1, 1\]: joins a node with itself",
+        ),
+        (lambda: Rayleigh.from_ratios((0.0, 0.01), (5.0, 0.01)), "first: frequency = 0.0: must be"),
+        (
+            lambda: falling_load(np.zeros((2, 3)), dt=0.1, steps=4, at=0.5),
+            "at = 0.5: after the end of the history at 0.4 s",
+        ),
+    ],
+)
+def test_what_has_no_effect_is_refused(call, text):
+    with pytest.raises(ValueError, match=text):
+        call()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda ratio: Rayleigh.from_ratios((1.0, ratio), (2.0, ratio)),
+        lambda ratio: ModalDamping([1.0], np.ones((1, 2, 3)), ratio),
+    ],
+)
+def test_percentages_are_suspicious(call):
+    call(0.05)
+    with pytest.warns(jc.InputWarning, match=r"ratios? = 5: is critical .* 0.05 is 5 %"):
+        call(5.0)
