@@ -270,7 +270,8 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     Raises:
         AnalysisError: the result has failed. For an analysis the message names the phase (from 1),
             the increment, its load factor, the residual in newtons (unless it is zero, as where no
-            step was possible) and what to try. For missed targets it names them, with `remarks`.
+            step was possible) and what to try, for a motion in time the step. For missed targets
+            it names them, with `remarks`.
         ValueError: `solution` has no status, or is being traced: a status is known outside of jit
             only; another number of names than cases.
 
@@ -320,6 +321,12 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
                 f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
                 f"{factor:.6g}){size}: {describe(code)}"
             )
+    if (codes := getattr(solution, "step_status", None)) is not None:  # a motion in time
+        k = int(np.argmax(np.asarray(codes)[case] != OK))
+        time = np.asarray(solution.time)[case][k]
+        raise AnalysisError(
+            f"{prefix}step {k} of {np.shape(codes)[-1] - 1}, at {time:.6g} s: {describe(code)}"
+        )
     before = (
         "the analysis that this one starts from has failed: " if hasattr(solution, "phases") else ""
     )

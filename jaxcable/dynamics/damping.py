@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks, memory_limit
-from ..common.rules import Rule, not_negative, refuse_if_broken
+from ..common.rules import Rule, not_negative, positive, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..mechanics.assembly import System
@@ -64,9 +64,12 @@ class Rayleigh:
             first, second: pairs (frequency, Hz; damping ratio, without unit).
 
         Raises:
-            ValueError: equal frequencies, or ratios that need a negative factor.
+            ValueError: equal frequencies, or none above zero; ratios that need a negative factor.
         """
         (f, ratio), (g, other) = first, second
+        for name, frequency, own in (("first", f, ratio), ("second", g, other)):
+            refuse_if_broken([positive(f"{name}: frequency", frequency)])
+            warn_of_large_ratios(own, f"{name}: damping ratio")
         a, b = 2 * np.pi * f, 2 * np.pi * g
         difference = checks.array_if_known(b**2 - a**2)
         if difference is not None and difference == 0:
@@ -111,6 +114,7 @@ class ModalDamping:
         ratios = checks.floats_of_shape(self.ratios, "ratios", (), frequency.shape)
         set_fields(self, frequency=frequency, shapes=shapes, ratios=ratios)
         refuse_if_broken(self.rules())
+        warn_of_large_ratios(ratios, "ratios")
 
     def rules(self) -> list[Rule]:
         """Return the rule that ratios are not negative."""
@@ -131,7 +135,7 @@ class Dashpots:
             along x, y, z.
 
     Raises:
-        ValueError: wrong shapes, negative coefficients, unknown nodes.
+        ValueError: wrong shapes, negative coefficients, unknown nodes, a node joined with itself.
 
     Example:
         >>> jc.dynamics.Dashpots([[0, 1]], 2e3).coefficient
@@ -146,6 +150,9 @@ class Dashpots:
         if nodes.dtype.kind not in "iu" or nodes.shape[1:] not in ((), (2,)) or nodes.ndim == 0:
             raise ValueError(f"nodes: expected indices [n] or [n, 2], got shape {nodes.shape}")
         n, ground = len(nodes), nodes.ndim == 1
+        if not ground and (alike := nodes[:, 0] == nodes[:, 1]).any():
+            k = int(alike.argmax())
+            raise ValueError(f"nodes[{k}] = {nodes[k].tolist()}: joins a node with itself")
         shapes = ((), (n,), (3,), (n, 3)) if ground else ((), (n,))
         value = checks.floats_of_shape(self.coefficient, "coefficient", *shapes)
         if ground:
@@ -179,6 +186,16 @@ class Dashpots:
         scaled = jnp.concatenate([-along, along], axis=1)
         c = c / jnp.where(square > 0, square, jnp.inf)
         return RowMatrices(links, c[:, None, None] * scaled[:, :, None] * scaled[:, None, :])
+
+
+def warn_of_large_ratios(ratios: Float[ArrayLike, " ..."], name: str) -> None:
+    """Warn of damping ratios of 1 or more, which may be percentages; not if they are traced."""
+    known = checks.array_if_known(ratios)
+    if known is not None and (known >= 1).any():
+        checks.warn_user(
+            f"{name} = {float(np.max(known)):g}: is critical damping or more, without vibration; "
+            "0.05 is 5 %"
+        )
 
 
 def as_dampings(damping: Any, structure: Structure) -> list[Rayleigh | ModalDamping | Dashpots]:

@@ -31,7 +31,8 @@ def dynamic_factors(
 
     Returns:
         In the shape of `elements`, each [n_elem]; NaN for an element whose static force does not
-        change (to 1e-9 of the largest one), and for those that are removed.
+        change (to 1e-9 of the largest one), and for those that are not there in `after`. A cable
+        that is slack in `after` has a factor, too.
 
     Example:
         Two cables carry 20 kN; one breaks.
@@ -50,20 +51,32 @@ def dynamic_factors(
         >>> print(moved.status, after.status, factors.round(3))
         0 0 [1.997   nan]
     """
-    state = [part.last if isinstance(part, Solution) else part for part in (before, after)]
-    return _largest_ratios(motion.tension, *(part.tension for part in state))
+    first, last = (part.last if isinstance(part, Solution) else part for part in (before, after))
+    there = last.present
+    if there is None:
+        there = jax.tree.map(jnp.ones_like, last.tension)
+    else:  # groups without tension have an entry, too
+        there = jax.tree.map(
+            lambda force, own: None if force is None else own,
+            *(last.tension, there),
+            is_leaf=lambda x: x is None,
+        )
+    return _largest_ratios(motion.tension, first.tension, last.tension, there)
 
 
 @as_program
-def _largest_ratios(history, before, after):
-    """Return the largest of (history - before) / (after - before), a pytree of [n_elem]."""
+def _largest_ratios(history, before, after, there):
+    """Return the largest of (history - before) / (after - before), a pytree of [n_elem].
+
+    NaN where it is not `there` after the event, a pytree of [n_elem].
+    """
     forces = jax.tree.leaves((before, after))
     largest = jnp.max(jnp.concatenate([jnp.max(jnp.abs(x), keepdims=True) for x in forces]))
 
-    def one(history, before, after):
+    def one(history, before, after, there):
         change = after - before
-        counts = (jnp.abs(change) > 1e-9 * largest) & (history[-1] != 0)
+        counts = (jnp.abs(change) > 1e-9 * largest) & (there > 0)
         ratio = (history - before[None]) / jnp.where(counts, change, jnp.nan)[None]
         return jnp.max(ratio, axis=0)
 
-    return jax.tree.map(one, history, before, after)
+    return jax.tree.map(one, history, before, after, there)

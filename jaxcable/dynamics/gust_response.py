@@ -16,6 +16,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
+from .damping import warn_of_large_ratios
 from .inertia import make_massive_system, split_for_modes
 from .load_histories import loaded_nodes
 from .modes import NaturalModes
@@ -157,6 +158,7 @@ def gust_response(
     last = state.last if isinstance(state, Solution) else state
     loaded = loaded_nodes(mean_forces, last.positions)
     damping = checks.floats_of_shape(damping, "damping", (), (n,), hint="; one, or one for each")
+    warn_of_large_ratios(damping, "damping")
     damping = jnp.broadcast_to(nan_if_broken(positive("damping", damping)), (n,))
     duration = nan_if_broken(positive("duration", duration))
     own = last.positions[loaded], jnp.asarray(mean_forces)[loaded], modes.shape[:, loaded]

@@ -141,5 +141,8 @@ def nodal_masses(structure: Structure, masses: Any) -> Float[ArrayLike, " n_node
         return sum(one.nodal_masses(structure.n_node) for one in several)
     hint = "; one mass for each node, one for all, or PointMasses"
     masses = checks.floats_of_shape(masses, "masses", (), (structure.n_node,), hint=hint)
+    known = checks.array_if_known(masses)
+    if known is not None and not np.isfinite(known).all():
+        raise ValueError(f"masses = {known[~np.isfinite(known)][0]}: must be finite")
     masses = checks.numpy_or_jax(masses).broadcast_to(masses, structure.n_node)
     return nan_if_broken(not_negative("masses", masses))

@@ -221,6 +221,8 @@ def falling_load(
     checks.require_whole_number(steps, "steps")
     if not dt > 0 or not duration >= 0 or not at >= 0:
         raise ValueError(f"dt, at, duration = {dt}, {at}, {duration}: expected a time step above 0")
+    if at > steps * dt * (1 + 1e-9):
+        raise ValueError(f"at = {at}: after the end of the history at {steps * dt:g} s")
     # steps are compared, not sums of them, whose rounding could miss one
     passed = np.round(np.arange(steps + 1) - at / dt, 9)
     part = np.clip(passed * dt / duration, 0, 1) if duration > 0 else (passed >= 0).astype(float)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..common.tree import pytree
+from ..common.tree import Indices, pytree
 from ..common.types import Array, Float, Int, PyTree
 from .energy_balance import EnergyBalance
 
 
-@pytree
+@pytree(indices=("nodes",))
 class Transient:
     """A motion in time: the result of `transient`. Histories have a leading axis [steps + 1].
 
@@ -23,6 +23,7 @@ class Transient:
         energy: `EnergyBalance` with arrays [steps + 1], J.
         histories: histories by name, [steps + 1, ...]: those of nodes, and those of elements in the
             shape of `elements`.
+        nodes: numbers of the nodes that the histories of nodes have, `Indices` [n]; None: all.
 
     Example:
         A mass of 2 kg on a bar of 8 kN/m, under 16 N all of a sudden: it goes to twice 2 mm.
@@ -47,6 +48,7 @@ class Transient:
     time: Float[Array, " m"]
     energy: EnergyBalance
     histories: dict[str, PyTree[Float[Array, "m ..."]]]
+    nodes: Indices | None = None
 
     @property
     def displacement(self) -> Float[Array, "m n 3"]:
@@ -63,6 +65,16 @@ class Transient:
         """Accelerations of the nodes, [steps + 1, n, 3 or 6], m/s2 and rad/s2; without mass no
         meaning."""
         return self._history("acceleration")
+
+    @property
+    def rotation(self) -> Float[Array, "m n 4"]:
+        """Rotations of the nodes as unit quaternions, [steps + 1, n, 4]."""
+        return self._history("rotation")
+
+    @property
+    def reactions(self) -> Float[Array, "m n n_freedom"]:
+        """Reactions of the supports, [steps + 1, n, 3 or 6], N and N m."""
+        return self._history("reactions")
 
     @property
     def tension(self) -> PyTree[Float[Array, "m n_elem"]]:

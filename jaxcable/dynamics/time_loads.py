@@ -17,6 +17,7 @@ from ..loads.load import Load, OnNodes, PersistentLoad
 from ..loads.varying import Varying
 from ..mechanics.load_stacks import LoadStack
 from ..model.structure import Structure
+from .motion_checks import require_finite
 
 
 class TimeLoads(NamedTuple):
@@ -44,8 +45,13 @@ def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> T
         if isinstance(first, OnNodes) and callable(one):
             first.check(structure)
             shape = shapes[-1], structure.nodes.dtype
-            values = jax.vmap(lambda t, one=one, shape=shape: one(t).nodal_forces(*shape))(times)
-            forces.append(values)
+            forces.append(
+                _at_times(
+                    lambda t, one=one, shape=shape: one(t).nodal_forces(*shape),
+                    f"loads[{k}]",
+                    times,
+                )
+            )
         elif isinstance(first, Load):
             if callable(one):
                 if not isinstance(first, PersistentLoad):
@@ -55,6 +61,7 @@ def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> T
             kept.append(first if isinstance(first, Varying) else Varying(first, (0, 1), (1, 1)))
         else:
             values = jnp.asarray(in_time(one, f"loads[{k}]", times, *shapes))
+            require_finite(values, f"loads[{k}]")
             more = shapes[-1][-1] - values.shape[-1]
             forces.append(jnp.pad(values, [(0, 0), (0, 0), (0, more)]))
     return TimeLoads(kept, sum(forces) if forces else None, moving)
@@ -68,8 +75,29 @@ def in_time(
     They have one of the `shapes` at each time; ValueError, which names the argument, otherwise.
     """
     if callable(given):
-        return in_time(jax.vmap(given)(times), f"{name}(time)", times, *shapes)
-    return checks.floats_of_shape(given, name, *((len(times), *shape) for shape in shapes))
+        values = _at_times(given, name, times)
+        found = getattr(values, "shape", None)
+        if found is None or found[1:] not in shapes:
+            right = " or ".join(map(str, shapes))
+            got = type(given(times[0])).__name__ if found is None else found[1:]
+            raise ValueError(f"{name}(time): expected an array of shape {right}, got {got}")
+        return values
+    hint = f"; {len(times)} = steps + 1"
+    whole = [(len(times), *shape) for shape in shapes]
+    values = checks.floats_of_shape(given, name, *whole, hint=hint)
+    require_finite(values, name)
+    return values
+
+
+def _at_times(function, name, times):
+    """Return a function of time at all times; ValueError if it needs the value of a time."""
+    try:
+        return jax.vmap(function)(times)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
+        raise ValueError(
+            f"{name}: functions of time are traced, so that `if` and NumPy do not know the time; "
+            "use jax.numpy, and jnp.where(time < ..., ..., ...) in place of `if`"
+        ) from error
 
 
 def moving_numbers(
@@ -99,7 +127,9 @@ def moving_numbers(
     for k, function in loads.moving.items():
         places.append((earlier + order.index(kinds[k]), kinds[:k].count(kinds[k])))
         numbers.append(
-            jax.vmap(lambda t, function=function: jax.tree.leaves(prepared(function(t))))(times)
+            _at_times(
+                lambda t, function=function: jax.tree.leaves(prepared(function(t))), "loads", times
+            )
         )
     return numbers, tuple(places)
 

@@ -6,16 +6,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax.numpy as jnp
-import numpy as np
 
-from ..analysis.activation import element_masks
 from ..analysis.phases import Phase, keys_as_whole_groups
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, not_negative, positive
 from ..common.selection import Selection
-from ..common.tree import Indices, pytree, set_fields
+from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..equilibrium.newton import Newton
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
@@ -23,12 +21,24 @@ from ..model.structure import Structure
 from .conserving_system import require_conserving
 from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
 from .inertia import nodal_masses
+from .motion_checks import (
+    checked_histories,
+    chosen_nodes,
+    removed_elements,
+    require_finite,
+    require_mass,
+    require_newton,
+    step_of_removal,
+    velocity_of_free_nodes,
+    warn_of_energy_error,
+)
 from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
 from .motion_program import compute_motion
 from .response import Transient
 from .time_loads import in_time, moving_numbers, sort_loads
 
 SCHEMES = "generalized-alpha", "energy-momentum"
+DISTRIBUTIONS = "lumped", "consistent", "mean"
 
 
 @pytree
@@ -93,6 +103,10 @@ def transient(
     jvp work on it. A gradient keeps the states of about ``2 sqrt(steps)`` steps and computes each
     step once more.
 
+    An `InputWarning` is issued (outside of transformations) where the steps gain or lose more than
+    5 % of the largest energy (`EnergyBalance.error`). Such steps are too long, often for the axial
+    vibrations of cables that go taut, of period ``2 pi sqrt(m l / EA)`` with a mass m at the end.
+
     Loads of `start` go on acting; `loads` are added to them from t = 0 on. Masses are those of the
     weights of elements, and `masses`. Beams also have the rotary inertia of their sections.
 
@@ -133,8 +147,9 @@ def transient(
         `Transient`.
 
     Raises:
-        ValueError: wrong arguments; elements or loads that a scheme does not know; a time of
-            removal that is no whole number of steps.
+        ValueError: wrong arguments; no mass; elements or loads that a scheme does not know; a
+            velocity of what is held (NaN if traced); a removal at no whole number of steps, whose
+            forces end after the motion, or of elements that are not there.
 
     Source: Chung, Hulbert, J. Appl. Mech. 60 (1993) 371; Bruels, Cardona, J. Comput. Nonlinear Dyn.
     5 (2010) 031002.
@@ -155,12 +170,20 @@ def transient(
     checks.require_whole_number(steps, "steps")
     checks.require_whole_number(halvings, "halvings", 0)
     checks.require_one_of(scheme, "scheme", SCHEMES)
+    if distribution is not None:
+        checks.require_one_of(distribution, "distribution", DISTRIBUTIONS)
+    if removes is not None and not isinstance(removes, Removal):
+        kind = checks.describe_type(removes, "Removal(jc.only([3]))")
+        raise ValueError(f"removes: expected a Removal, got {kind}")
+    require_finite(dt, "dt")
     duration = nan_if_broken(positive("dt", checks.as_scalar(dt, "dt")))
     radius = checks.as_scalar(spectral_radius, "spectral_radius")
     text = "must be from 0 to 1"
     radius = nan_if_broken(Rule("spectral_radius", radius, lambda v: (v < 0) | (v > 1), text))
     gravity = nan_if_broken(positive("gravity", gravity))
-    method = Newton() if method is None else method
+    method = require_newton(method)
+    added = None if masses is None else nodal_masses(structure, masses)
+    require_mass(structure, added)
     dampings = as_dampings(damping, structure)
     count = structure.n_node
     times = jnp.arange(steps + 1) * jnp.asarray(duration)
@@ -172,24 +195,23 @@ def transient(
         require_conserving(structure, sorted_loads.kept, start)
     coupling: Any = {"coupled": coupled, "symmetric": not conserves}
     task = prepare(structure, phase, method, start, to_end=True, **coupling)
-    wide = (count, 6) if structure.space.rotates else (count, 3)
     if velocity is not None:
-        velocity = checks.floats_of_shape(velocity, "velocity", (count, 3), wide)
+        velocity = velocity_of_free_nodes(velocity, structure, task.fixed[-1], sorted_loads.kept)
     base = None
     if base_acceleration is not None:
         base = in_time(base_acceleration, "base_acceleration", times, (3,))
     stays, first = None, steps
     release: ArrayLike = 0.0
     if removes is not None:
-        gone = element_masks(removes.elements, structure, "removes.elements")
+        gone = removed_elements(removes, structure, start)
         stays = task.bundles.join([~one for one in gone])
-        first, release = _step_of_removal(removes, duration, steps), removes.duration
+        first, release = step_of_removal(removes, duration, steps), removes.duration
     moving, places = moving_numbers(sorted_loads, task, structure, times)
     data = MotionData(
         duration=duration,
         radius=radius,
         gravity=gravity,
-        masses=None if masses is None else nodal_masses(structure, masses),
+        masses=added,
         velocity=velocity,
         forces=sorted_loads.forces,
         base=base,
@@ -198,12 +220,13 @@ def transient(
         stays=stays,
         release=release,
     )
+    kept_nodes = chosen_nodes(nodes, count)
     plan = MotionPlan(
         bundles=task.bundles,
         steps=steps,
         first=first,
-        histories=_checked_histories(histories, structure),
-        nodes=None if nodes is None else _chosen_nodes(nodes, count),
+        histories=checked_histories(histories, structure),
+        nodes=kept_nodes,
         n_node=count,
         distribution=distribution,
         halvings=halvings,
@@ -217,39 +240,6 @@ def transient(
         name: values if name in NODAL_HISTORIES else structure.arrange(values)
         for name, values in found.histories.items()
     }
-    return Transient(found.codes[-1], found.codes, found.parts, times, found.energy, arranged)
-
-
-def _step_of_removal(removes, duration, steps):
-    """Return after how many steps elements are removed; ValueError if that is no whole number."""
-    time, step = (checks.array_if_known(v) for v in (removes.time, duration))
-    if time is not None and time == 0:
-        return 0
-    if time is None or step is None:
-        raise ValueError("removes.time, dt: are traced; the step of a removal is topology")
-    number = float(time) / float(step)
-    if abs(number - round(number)) > 1e-6 or round(number) > steps:
-        raise ValueError(
-            f"removes.time = {time}: expected a whole number of steps of {step} s, up to {steps}"
-        )
-    return round(number)
-
-
-def _checked_histories(names, structure):
-    """Return the names of histories as a tuple; ValueError for one that nothing has."""
-    names = (names,) if isinstance(names, str) else tuple(names)
-    known = [*NODAL_HISTORIES, "tension", "peak_tension"]
-    known += [result.name for group in structure.groups for result in group.results]
-    for name in names:
-        if name == "rotation" and not structure.space.rotates:
-            raise ValueError('histories: has "rotation", but nodes of this structure do not rotate')
-        if name not in known:
-            raise ValueError(f"histories: {name!r} is unknown{checks.suggest_names(name, known)}")
-    return names
-
-
-def _chosen_nodes(nodes, count):
-    """Return node numbers as `Indices`."""
-    array = np.atleast_1d(np.asarray(nodes))
-    checks.require_known_nodes(array, count, "nodes")
-    return Indices(array.astype(np.int32))
+    warn_of_energy_error(found.energy, times, structure)
+    codes = found.codes
+    return Transient(codes[-1], codes, found.parts, times, found.energy, arranged, kept_nodes)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..common import checks
 from ..dynamics.response import Transient
 from .style import GRID, display_unit, finish_figure, new_figure, series_style
 
@@ -18,7 +19,7 @@ def motion(
     moved: Transient,
     path: str | os.PathLike[str] | None = None,
     *,
-    nodes: Sequence[int] = (0,),
+    nodes: Sequence[int] | None = None,
     direction: str = "z",
     elements: Sequence[int] = (),
     group: str | int | None = None,
@@ -30,7 +31,7 @@ def motion(
         path: where to save the picture, in the format of the suffix, or None.
 
     Options:
-        nodes: which of the nodes of the histories are drawn, indices.
+        nodes: nodes that are drawn, of those whose histories are kept; default: the first of these.
         direction: of the displacement, "x", "y" or "z".
         elements: elements whose axial force is drawn, indices.
         group: their group, by its key or number; None if there is one group.
@@ -39,7 +40,8 @@ def motion(
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
-        ValueError: an unknown direction, a history that the motion does not have, a batch.
+        ValueError: an unknown direction, node, element or group; a history that the motion does not
+            have; a batch.
 
     >>> import numpy as np
     >>> import jaxcable as jc
@@ -60,12 +62,19 @@ def motion(
     rows = 1 + bool(len(elements)) + 1
     figure = new_figure(4.8, 1.0 + 1.7 * rows)
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    values = np.asarray(moved.displacement)[:, list(nodes), "xyz".index(direction)]
+    values = np.asarray(moved.displacement)
+    nodes, columns = _chosen_nodes(moved, nodes, values.shape[1])
+    values = values[:, columns, "xyz".index(direction)]
     _draw_lines(panels[0], time, values, [f"node {k}" for k in nodes])
     panels[0].set_ylabel(f"displacement {direction} (m)")
     if len(elements):
-        force = moved.tension if group is None else moved.tension[group]
-        force = np.asarray(force)[:, list(elements)]
+        force = _forces_of_group(moved, group)
+        numbers = checks.as_indices(elements, "elements", things="element")
+        if (numbers >= force.shape[1]).any():
+            raise ValueError(
+                f"elements: {max(numbers)} is unknown; there are 0 to {force.shape[1] - 1}"
+            )
+        force = force[:, numbers]
         factor, unit = display_unit(float(np.nanmax(np.abs(force), initial=0.0)), "N")
         _draw_lines(panels[1], time, factor * force, [f"element {k}" for k in elements])
         panels[1].set_ylabel(f"axial force ({unit})")
@@ -75,6 +84,36 @@ def motion(
     panels[-1].set(ylabel="energy (J)", xlabel="time (s)")
     figure.align_ylabels()
     return finish_figure(figure, path)
+
+
+def _chosen_nodes(moved, nodes, count):
+    """Return numbers of nodes, and their places in the histories; ValueError for unknown ones."""
+    kept = np.arange(count) if moved.nodes is None else moved.nodes.array
+    numbers = kept[:1] if nodes is None else checks.as_indices(nodes, "nodes")
+    places = []
+    for k, node in enumerate(numbers):
+        found = np.flatnonzero(kept == node)
+        if not len(found):
+            shown = f"0 to {count - 1}" if moved.nodes is None else ", ".join(map(str, kept))
+            raise ValueError(f"nodes[{k}] = {node}: the motion has the histories of nodes {shown}")
+        places.append(int(found[0]))
+    return numbers, places
+
+
+def _forces_of_group(moved, group):
+    """Return the axial forces of one group in time, [n_time, n_elem], N."""
+    force = moved.tension
+    if isinstance(force, dict | list | tuple):
+        keys = [*force] if isinstance(force, dict) else [*range(len(force))]
+        if group is None or group not in keys:
+            names = ", ".join(map(repr, keys))
+            raise ValueError(f"group = {group!r}: expected the group of elements, one of {names}")
+        force = force[group]
+    elif group is not None:
+        raise ValueError(f"group = {group!r}: the structure has one group without a key")
+    if force is None:
+        raise ValueError(f"group = {group!r}: its elements have no axial force")
+    return np.asarray(force)
 
 
 def _draw_lines(axes, time, values, labels):

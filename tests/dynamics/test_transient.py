@@ -71,6 +71,7 @@ def test_damping_has_the_overshoot_of_its_ratio(kind):
     assert_allclose(moved.energy.error, 0, atol=1e-4 * PULL**2 / STIFFNESS)
 
 
+@pytest.mark.filterwarnings("ignore:dt. from t = .* the steps lose")
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])
 def test_the_spectral_radius_is_what_a_step_leaves_of_fast_oscillations(radius):
     """By a step of a thousand periods, minus the radius is a triple root: what is left of it after
@@ -215,6 +216,26 @@ def test_the_part_of_a_chain_that_breaks_off_falls_freely():
     assert_allclose(speed, speed[0] + time[:, None] * fall, rtol=0, atol=1e-8)
     thrown = center[0] + time[:, None] * speed[0] + 0.5 * time[:, None] ** 2 * fall
     assert_allclose(center, thrown, rtol=0, atol=1e-8)
+
+
+def test_a_cable_that_is_slack_at_the_end_has_a_dynamic_factor():
+    """And one whose group has no tensions beside it, as with the springs, does no harm."""
+    nodes = [[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0], [1.0, 0, -1.0]]
+    cables = jc.Cables([[0, 2], [1, 2], [2, 3]], axial_stiffness=1e4)
+    parts = {"cables": cables, "springs": jc.Springs([3], (50.0, 0.0, 0.0))}
+    held = jc.pinned([0, 1]) + jc.restrained([3], "yz") + jc.restrained([2], "y")
+    structure = jc.Structure(nodes, parts, supports=held)
+    pull = jc.NodalLoads([2], (0.0, 0.0, 30.0))
+    before = converged(jc.solve(structure, jc.Phase(pretension=100.0, loads=pull)))
+    gone = {"cables": jc.only([1])}
+    after = converged(jc.solve(structure, jc.Phase(removes=gone), start=before))
+    first, last = (np.asarray(state.tension["cables"]) for state in (before, after))
+    tensions = np.stack([first, 2 * last - first, first * np.array([0.0, 1.0, 1.0])])
+    moved = transient(structure, start=before, dt=1e-3, steps=2, masses=1.0)
+    moved = jc.replace(moved, histories={"tension": {"cables": tensions, "springs": None}})
+    factors = jc.dynamics.dynamic_factors(moved, before, after)["cables"]
+    assert_allclose(np.asarray(factors)[[0, 2]], 2.0, rtol=1e-9)
+    assert np.isnan(factors[1])
 
 
 # --- history variables
