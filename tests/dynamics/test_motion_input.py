@@ -52,6 +52,13 @@ def test_refused(options, text):
         one_bar(**options)
 
 
+def test_catenaries_have_no_energy_momentum_scheme():
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e6, weight=20.0, rest_length=1.1)
+    structure = jc.Structure(NODES, cable, supports=jc.pinned([0]))
+    with pytest.raises(ValueError, match=r"energy-momentum.*\(Catenaries\) are not supported"):
+        transient(structure, scheme="energy-momentum", **GIVEN)
+
+
 def test_what_is_held_has_no_velocity():
     """Along the directions of a support that are its own, too; traced ones give NaN."""
     slope = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
