@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from ..analysis.solution import Solution, State
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
+from ..elements.abilities import Hanging
 from ..elements.prestress import measure_chord
 from ..elements.straight import Straight
 from ..loads.load import FollowerLoad, Load
@@ -159,7 +160,8 @@ def require_conserving(
 ) -> None:
     """Raise ValueError for elements or loads that the scheme does not know."""
     for where, group in structure.named_groups():
-        if not isinstance(group, Straight) or group.has_memory or group.links.shape[1] != 2:
+        straight = isinstance(group, Straight) and not isinstance(group, Hanging)
+        if not straight or group.has_memory or group.links.shape[1] != 2:
             raise ValueError(
                 f'scheme = "energy-momentum": elements{where} ({type(group).__name__}) are not '
                 "supported; it is for straight cables and bars without history variables"

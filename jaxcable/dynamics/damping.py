@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks, memory_limit
-from ..common.rules import Rule, not_negative, positive, refuse_if_broken
+from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..mechanics.assembly import System
@@ -67,8 +67,9 @@ class Rayleigh:
             ValueError: equal frequencies, or none above zero; ratios that need a negative factor.
         """
         (f, ratio), (g, other) = first, second
-        for name, frequency, own in (("first", f, ratio), ("second", g, other)):
-            refuse_if_broken([positive(f"{name}: frequency", frequency)])
+        f = nan_if_broken(positive("first_frequency", f))
+        g = nan_if_broken(positive("second_frequency", g))
+        for name, own in (("first", ratio), ("second", other)):
             warn_of_large_ratios(own, f"{name}: damping ratio")
         a, b = 2 * np.pi * f, 2 * np.pi * g
         difference = checks.array_if_known(b**2 - a**2)

@@ -19,9 +19,11 @@ class EnergyBalance:
     Attributes:
         kinetic: kinetic energy.
         stored: energy stored in elements; with history variables the part that can be regained.
+            That of elements that are removed is gone from then on.
         work: work of the loads since the start, by the mean of both ends of each step.
         dissipated: energy that dampers have dissipated since the start, likewise.
-        total: kinetic and stored energy at the start.
+        total: kinetic and stored energy at the start; from a removal on such that `error` does not
+            change by it.
 
     Example:
         A mass of 2 kg with 3 m/s on a bar of 8 kN/m, after a quarter of a period:

@@ -5,7 +5,8 @@ all positions, so that momentum and angular momentum stay as they are without lo
 m of cables and bars has 5/12 of it on the diagonal and 1/12 beside it, the mean of lumped and
 consistent masses, which is of order 4 in the length. Beams have halves at both ends: across their
 axis, where linear interpolation of accelerations would leave an error of order 2, this is of order
-4, too (2 where a beam ends freely; 2 along the axis).
+4, too. Along the axis, and where a beam ends freely, it is of order 2: the first frequency of a
+cantilever is 10.2, 2.8, 0.7, 0.18 % too low with 2, 4, 8, 16 elements.
 """
 
 from __future__ import annotations

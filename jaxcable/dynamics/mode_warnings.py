@@ -31,6 +31,25 @@ def warn_of_loose_nodes(loose: Bool[ArrayLike, " n_node"]) -> None:
     )
 
 
+def warn_of_freed_supports(state: Solution | State, fixed: Bool[ArrayLike, "n_row n"]) -> None:
+    """Warn if `fixed`, as of `modes`, leaves free some of what the supports of a state hold.
+
+    All of it is free, as a body without supports, if nothing is fixed.
+    """
+    last = state.last if isinstance(state, Solution) else state
+    phase = checks.array_if_known(last.phase)
+    if phase is None:
+        return
+    freed = last.fixed[int(phase) + 1].array & ~np.asarray(fixed, bool)
+    if freed.any() and np.any(fixed):
+        row, k = (int(i) for i in np.argwhere(freed)[0])
+        along = f"{'rotation ' * (k > 2)}{'xyz'[k % 3]}"
+        checks.warn_user(
+            f"fixed: leaves free what supports hold, such as node {row} along {along}: it replaces "
+            "the supports; give what they hold, too"
+        )
+
+
 def warn_of_weights_without_mass(structure: Structure, state: Solution | State) -> None:
     """Warn if downward nodal loads of a state, which have no mass, are more than its weights."""
     restart = (state.last if isinstance(state, Solution) else state).restart

@@ -30,6 +30,7 @@ from .inertia import (
 )
 from .mode_derivatives import find_modes, multiply
 from .mode_warnings import (
+    warn_of_freed_supports,
     warn_of_loose_nodes,
     warn_of_modes_within_spans,
     warn_of_weights_without_mass,
@@ -53,7 +54,9 @@ class NaturalModes:
         modal_mass: mass of each mode in this scale, [n], kg: twice its kinetic energy where the
             node that moves most has 1 m/s.
         participation: factors by which modes answer an acceleration of the ground along x, y, z,
-            [n, 3].
+            [n, 3]. They, `effective_mass` and `total_mass` leave out the mass that couples what is
+            free to supports, of elements at supports: the error falls with the square of the length
+            of elements.
         effective_mass: mass that each mode moves with along x, y, z, [n, 3], kg, whatever its
             scale; the sum over all modes is `total_mass`.
         total_mass: mass that can move along x, y, z, without that of `loose` nodes, [3], kg.
@@ -130,14 +133,17 @@ def modes(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (NaN if it has failed) or `State`, of any phase.
+        state: `Solution` (NaN if it has failed), which stands for its last state, or `State`; for
+            that after an earlier phase ``solve(structure, phases[:k])``.
         n: number of modes; fewer if fewer have mass (if traced, the remaining frequencies are inf).
 
     Options:
         masses: added masses at the nodes, [n_node] or scalar, kg; or `PointMasses`, one or several
             in a list, such as those that were loads of the analysis; default none. Give 0.0 where
             nodal loads are no weights.
-        fixed: degrees of freedom to leave out, as in `stiffness.tangent_stiffness`.
+        fixed: all degrees of freedom that are held, in place of those that supports hold, as in
+            `stiffness.tangent_stiffness`: give those of the supports, too. An `InputWarning` is
+            issued where one that a support holds becomes free.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
             displacements between the ends: m/3 and m/6 for straight cables and bars, cubic
@@ -174,13 +180,14 @@ def modes(
     """
     checks.require_whole_number(n, "n")
     check_solver_name(linear_solver)
-    if distribution is not None and distribution not in _DISTRIBUTIONS:
-        names = ", ".join(map(repr, _DISTRIBUTIONS))
-        raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
+    if distribution is not None:
+        checks.require_one_of(distribution, "distribution", _DISTRIBUTIONS)
     gravity = nan_if_broken(positive("gravity", gravity))
     added = nodal_masses(structure, masses)
     require_symmetric_elements(structure, "modes")
     split = split_for_modes(structure, state, fixed, linear_solver)
+    if fixed is not None:
+        warn_of_freed_supports(state, fixed)
     if masses is None:
         warn_of_weights_without_mass(structure, state)
     if split[2].pattern is None:

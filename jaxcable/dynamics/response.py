@@ -57,7 +57,10 @@ class Transient:
 
     @property
     def velocity(self) -> Float[Array, "m n n_freedom"]:
-        """Velocities of the nodes, [steps + 1, n, 3 or 6], m/s and rad/s."""
+        """Velocities of the nodes, [steps + 1, n, 3 or 6], m/s and rad/s.
+
+        With a `base_acceleration` they, displacements and accelerations are against the ground.
+        """
         return self._history("velocity")
 
     @property

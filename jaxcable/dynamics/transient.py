@@ -129,9 +129,9 @@ def transient(
             angular momentum of straight cables and bars for any duration of a step.
         masses: masses added to nodes, [n_node] or scalar, kg; or `PointMasses`.
         velocity: velocities of the nodes at the start, [n_node, 3], with rotations also 6 (angular
-            velocities along x, y, z), m/s and rad/s.
+            velocities along x, y, z), m/s and rad/s; none of what is held.
         base_acceleration: acceleration of the ground, [steps + 1, 3] or a function of time, m/s2;
-            displacements are then those against the ground.
+            displacements, velocities and accelerations are then those against the ground.
         removes: `Removal`, elements that are removed at a time, such as a cable that breaks.
         histories: names of what is kept: "displacement", "velocity", "acceleration", "rotation"
             (unit quaternions), "reactions", and results of elements, such as "tension".
@@ -140,7 +140,12 @@ def transient(
             parts each step was divided (`Transient.parts`). Default 0: it fails.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of the mass of an element: "lumped", "consistent" (linear between the ends),
-            or "mean" of both. None: the mean for cables and bars, lumped for beams: of order 4.
+            or "mean" of both. None: the mean for cables and bars, of order 4 in their length, and
+            lumped for beams, which is of order 4 where their ends are held. At a free end it is of
+            order 2: the first frequency of a cantilever is 10.2, 2.8, 0.7, 0.18 % too low with 2,
+            4, 8, 16 elements, and 2.5, 0.49, 0.12, 0.03 % with "consistent". Take 8 or more
+            elements there, or "consistent". (`modes` has cubic masses across beams, and therefore
+            other frequencies.)
         method: `Newton`, whose tolerance is that of every step.
 
     Returns:

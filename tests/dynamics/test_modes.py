@@ -91,6 +91,7 @@ def test_derivative_of_a_shape_by_a_mass():
         assert np.allclose(slope, wanted, atol=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:fixed. leaves free")
 def test_added_masses_and_an_unstable_state():
     structure, phases = jc.scenes.von_mises_truss(load=100.0)
     solution = converged(jc.solve(structure, phases))
@@ -247,3 +248,14 @@ def test_masses_whose_weight_was_a_load():
     with pytest.warns(jc.InputWarning, match="nodal loads of 19.61 N downwards have no mass here"):
         modes(structure, solution, n=2)
     modes(structure, solution, n=2, masses=0.0)  # silent
+
+
+def test_fixed_replaces_the_supports():
+    """Which a warning says, unless nothing is fixed: a body without supports."""
+    structure, solution = string(3)
+    held = np.array(solution.last.fixed[-1].array)
+    for freed in (held, np.zeros_like(held)):
+        modes(structure, solution, n=1, fixed=freed)
+    held[0, 2] = False
+    with pytest.warns(jc.InputWarning, match="fixed: leaves free what .* node 0 along z"):
+        modes(structure, solution, n=1, fixed=held)

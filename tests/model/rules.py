@@ -534,6 +534,10 @@ damped(jc.dynamics.Rayleigh, None),  # mass: mass = -1.0: must not be negative
 damped(jc.dynamics.Rayleigh, 0.0, None),  # stiffness: stiffness = -1.0: must not be negative
 damped(jc.dynamics.ModalDamping, [1.0], np.ones((1, 3, 3)), None),
     # ratios: ratios = -1.0: must not be negative
+lambda v: jc.dynamics.Rayleigh.from_ratios((v, 0.01), (5.0, 0.01)).stiffness, 1.0, 0.0
+    # first_frequency: first_frequency = 0.0: must be positive
+lambda v: jc.dynamics.Rayleigh.from_ratios((1.0, 0.01), (v, 0.01)).stiffness, 5.0, 0.0
+    # second_frequency: second_frequency = 0.0: must be positive
 damped(jc.dynamics.Dashpots, [[0, 1]], None),  # coefficient: coefficient... = -1.0: must not be
 ## dynamics/gust_response.py
 gusty("damping"), 0.01, 0.0  # damping: damping = 0.0: must be positive
@@ -676,7 +680,14 @@ OTHERWISE = {
     "materials/presets.py:_warn_of_weak_material": "a warning",
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
     "dynamics/transient.py:__post_init__": "traced times of a removal are refused",
-    "dynamics/transient.py:_step_of_removal": "traced times of a removal are refused",
+    "dynamics/motion_checks.py:step_of_removal": "traced times of a removal are refused",
+    "dynamics/motion_checks.py:removed_elements": "traced masks: what is gone has no force",
+    "dynamics/motion_checks.py:velocity_of_free_nodes": "NaN where it is traced",
+    "dynamics/motion_checks.py:require_mass": "traced: without mass accelerations are not finite",
+    "dynamics/motion_checks.py:require_finite": "no rule: NaN gives NaN",
+    "dynamics/damping.py:warn_of_large_ratios": "no rule: a warning",
+    "dynamics/mode_warnings.py:warn_of_freed_supports": "no rule: a warning",
+    "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
     "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
     "dynamics/load_histories.py:loaded_nodes": "traced mean forces are refused",
     "dynamics/load_histories.py:wind_velocities": "NaN where it is traced: frequencies of no steps",

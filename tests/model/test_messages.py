@@ -170,7 +170,6 @@ def arguments(call, function):
     return [function.name]
 
 
-@pytest.mark.slow
 def test_every_rule_has_a_row():
     made, looks = Counter(), set()
     for path in PACKAGE.rglob("*.py"):
