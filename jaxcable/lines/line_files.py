@@ -135,6 +135,12 @@ def load_line(
     for row in _rows(others["crossings"], "crossings", columns):
         crossed.setdefault(row.text("crossing"), []).append([row.number(c) for c in columns[1:]])
     profile = [[row.number("station_m"), row.number("elevation_m")] for row in ground_rows]
+    for k in range(1, len(profile)):
+        if profile[k][0] <= profile[k - 1][0]:
+            raise FileError(
+                f"{ground_rows[k].place}: station_m = {profile[k][0]:g}: must be more than that of "
+                "the point before (a step in the ground: two stations 0.01 m apart)"
+            )
     section = _section_of_rows(path, name, profile or None, crossed)
     found = _states_of_rows(_rows(others["states"], "states", ("state",)))
     strung = dict(stringing) if stringing is not None else _stringing_of(head, path)

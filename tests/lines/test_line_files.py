@@ -81,6 +81,7 @@ def test_a_line_goes_to_json_and_back(folder):
         ("states", "stretches", "pulls", "line 3: .*role"),
         ("states", "final", "last", "line 4: condition"),
         ("ground", "elevation_m", "z", "elevation_m"),
+        ("ground", "280", "150", r"ground.csv: line 4: station_m = 150: must be more"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # of the column that is left out
