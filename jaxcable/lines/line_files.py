@@ -142,7 +142,8 @@ def load_line(
                 "the point before (a step in the ground: two stations 0.01 m apart)"
             )
     section = _section_of_rows(path, name, profile or None, crossed)
-    found = _states_of_rows(_rows(others["states"], "states", ("state",)))
+    state_rows = _rows(others["states"], "states", ("state",))
+    found = _states_of_rows(state_rows, len(section.layout.spans))
     strung = dict(stringing) if stringing is not None else _stringing_of(head, path)
     line = Line(section, strung, *found)
     if "temperatures_C" in head:
@@ -183,14 +184,29 @@ def _section_of_rows(path, name, profile, crossings):
     )
 
 
-def _states_of_rows(rows):
+def _broken_span(row, count):
+    """Return the index, from 0, of the broken span in a row of the table of states, or None."""
+    if not row.text("broken_span"):
+        return None
+    number = row.number("broken_span")
+    if number % 1 != 0 or not 1 <= number <= count:
+        text = f"expected a whole number from 1 to {count}, the number of spans"
+        raise FileError(f"{row.place}: broken_span = {number:g}: {text}")
+    return int(number) - 1
+
+
+def _states_of_rows(rows, count):
     """Return the states of a table by name, the names of those that stretch, and that of creep."""
     usual, found, roles = LineState(), {}, {role: [] for role in _ROLES}
     for row in rows:
         name, role = row.text("state"), row.text("role")
-        if name in found or role not in _ROLES:
+        if name in found:
             raise FileError(
-                f"{row.place}: state {name!r} occurs twice, or role {role!r} is unknown"
+                f"{row.place}: state {name!r} occurs twice; give it another name"
+            )
+        if role not in _ROLES:
+            raise FileError(
+                f"{row.place}: role {role!r}: expected one of {', '.join(_ROLES[1:])}, or none"
             )
         if (condition := row.text("condition") or "initial") not in CONDITIONS:
             raise FileError(f"{row.place}: condition: expected one of {', '.join(CONDITIONS)}")
@@ -198,7 +214,8 @@ def _states_of_rows(rows):
             ice = [1e-3 * float(word) for word in row.text("ice_mm").split()] or [0.0]
         except ValueError:
             raise FileError(f"{row.place}: ice_mm: expected numbers, one or one a span") from None
-        broken = row.text("broken_span")
+        if len(ice) not in (1, count):
+            raise FileError(f"{row.place}: ice_mm: {len(ice)} numbers, for {count} spans")
         numbers = {
             field: row.number(column, float(getattr(usual, field)))
             for field, column in _STATES.items()
@@ -206,7 +223,7 @@ def _states_of_rows(rows):
         found[name] = LineState(
             ice=ice[0] if len(ice) == 1 else ice,
             condition=condition,
-            broken=int(row.number("broken_span")) - 1 if broken else None,
+            broken=_broken_span(row, count),
             **numbers,
         )
         roles[role].append(name)

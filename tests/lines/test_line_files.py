@@ -78,7 +78,9 @@ def test_a_line_goes_to_json_and_back(folder):
         ("towers", "suspension", "hanging", "line 3: kind"),
         ("towers", "280", "x", "line 3: station_m"),
         ("states", "20 15", "20 y", "line 3: ice_mm"),
-        ("states", "stretches", "pulls", "line 3: .*role"),
+        ("states", "20 15", "20 15 10", "states.csv: line 3: ice_mm: 3 numbers, for 2 spans"),
+        ("states", "stretches", "pulls", "line 3: role 'pulls': expected one of stretches, creeps"),
+        ("states", "hot", "heavy", "line 4: state 'heavy' occurs twice"),
         ("states", "final", "last", "line 4: condition"),
         ("ground", "elevation_m", "z", "elevation_m"),
         ("ground", "280", "150", r"ground.csv: line 4: station_m = 150: must be more"),
@@ -90,6 +92,17 @@ def test_wrong_tables_are_refused(folder, table, old, new, text):
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileError, match=text):
         load(folder)
+
+
+@pytest.mark.parametrize("span", ["2.5", "0", "3"])
+def test_broken_spans_are_whole_numbers_from_one(folder, span):
+    path = folder / "states.csv"
+    rows = path.read_text().replace("role", "role,broken_span").splitlines()
+    path.write_text("\n".join([rows[0], *(row + "," for row in rows[1:-1]), rows[-1] + "," + span]))
+    with pytest.raises(FileError, match=rf"line 4: broken_span = {span}: expected .* from 1 to 2"):
+        load(folder)
+    path.write_text(path.read_text()[: -len(span)] + "2")
+    assert load(folder).states["hot"].broken == 1
 
 
 def test_a_line_needs_a_conductor_and_a_stringing(folder):

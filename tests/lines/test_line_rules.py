@@ -68,3 +68,10 @@ def test_points_of_the_ground_must_go_on():
         profile = [[0.0, 0.0], [100.0, 1.0], [again, 4.0], [300.0, 0.0]]
         with pytest.raises(ValueError, match=r"profile\[2\]: its station, .* must be more"):
             jc.lines.LineSection(*table, profile=profile)
+
+
+@pytest.mark.parametrize("broken", [2.5, -1, True, "1", float("nan")])
+def test_a_broken_span_is_a_whole_number(broken):
+    with pytest.raises(ValueError, match=r"broken = .*: expected a whole number"):
+        jc.lines.LineState(broken=broken)
+    assert jc.lines.LineState(broken=np.int64(1)).broken == 1
