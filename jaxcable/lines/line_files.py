@@ -37,7 +37,7 @@ _STATES = {
     "ice_density": "ice_density_kg_per_m3",
 }
 """Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
-_ROLES = "", "stretches", "creeps"
+_ROLES = "stretches", "creeps"
 _STRINGING = {"parameter_m": "parameter", "tension_n": "horizontal_tension", "sag_m": "sag"}
 _KINDS_OF_FILES = "towers", "states", "ground", "crossings"
 _NEEDED_TOWERS = ("tower", "kind", "station_m", "ground_m", "height_m")
@@ -87,7 +87,7 @@ def load_line(
       string_weight_N, string_area_m2``;
     - states: ``state, temperature_C, ice_mm, wind_Pa, wind_direction_deg, drag, extra_N_per_m,
       ice_density_kg_per_m3, condition, broken_span, role``; uneven ice is a list, ``0 20 20``;
-      spans count from 1; the role is "stretches" or "creeps";
+      spans count from 1; the role is "stretches", "creeps" (of one state) or both, with a space;
     - ground: ``station_m, elevation_m``; crossings: ``crossing, station_m, offset_m, elevation_m``.
 
     A JSON file has lists of objects with these keys, and ``"conductor": "Drake"``, ``"stringing":
@@ -201,12 +201,15 @@ def _states_of_rows(rows, count):
     for row in rows:
         name, role = row.text("state"), row.text("role")
         if name in found:
+            raise FileError(f"{row.place}: state {name!r} occurs twice; give it another name")
+        if not set(role.split()) <= set(_ROLES):
             raise FileError(
-                f"{row.place}: state {name!r} occurs twice; give it another name"
+                f"{row.place}: role {role!r}: expected {', '.join(_ROLES)}, both or none"
             )
-        if role not in _ROLES:
+        if "creeps" in role.split() and roles["creeps"]:
+            first = roles["creeps"][0]
             raise FileError(
-                f"{row.place}: role {role!r}: expected one of {', '.join(_ROLES[1:])}, or none"
+                f"{row.place}: role: state {first!r} creeps already; only one state may"
             )
         if (condition := row.text("condition") or "initial") not in CONDITIONS:
             raise FileError(f"{row.place}: condition: expected one of {', '.join(CONDITIONS)}")
@@ -220,13 +223,15 @@ def _states_of_rows(rows, count):
             field: row.number(column, float(getattr(usual, field)))
             for field, column in _STATES.items()
         }
-        found[name] = LineState(
-            ice=ice[0] if len(ice) == 1 else ice,
-            condition=condition,
-            broken=_broken_span(row, count),
-            **numbers,
-        )
-        roles[role].append(name)
+        broken = _broken_span(row, count)
+        try:
+            found[name] = LineState(
+                ice=ice[0] if len(ice) == 1 else ice, condition=condition, broken=broken, **numbers
+            )
+        except ValueError as error:
+            raise FileError(f"{row.place}: {error}") from None
+        for one in set(role.split()):
+            roles[one].append(name)
     creep = roles["creeps"][0] if roles["creeps"] else None
     return found, tuple(roles["stretches"]), creep
 
@@ -275,7 +280,8 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
     ]
     states = []
     for name, state in line.states.items():
-        role = "stretches" if name in line.loads else "creeps" if name == line.creep else ""
+        is_one = dict(zip(_ROLES, (name in line.loads, name == line.creep), strict=True))
+        role = " ".join(one for one in _ROLES if is_one[one])
         ice = " ".join(repr(1e3 * float(x)) for x in np.atleast_1d(np.asarray(state.ice)))
         numbers = {column: float(getattr(state, field)) for field, column in _STATES.items()}
         broken = {} if state.broken is None else {"broken_span": state.broken + 1}

@@ -79,7 +79,9 @@ def test_a_line_goes_to_json_and_back(folder):
         ("towers", "280", "x", "line 3: station_m"),
         ("states", "20 15", "20 y", "line 3: ice_mm"),
         ("states", "20 15", "20 15 10", "states.csv: line 3: ice_mm: 3 numbers, for 2 spans"),
-        ("states", "stretches", "pulls", "line 3: role 'pulls': expected one of stretches, creeps"),
+        ("states", "stretches", "pulls", "line 3: role 'pulls': expected stretches, creeps"),
+        ("states", "stretches", "creeps", "line 3: role: state 'everyday' creeps already"),
+        ("states", "20 15", "-20", "states.csv: line 3: ice = -0.02"),
         ("states", "hot", "heavy", "line 4: state 'heavy' occurs twice"),
         ("states", "final", "last", "line 4: condition"),
         ("ground", "elevation_m", "z", "elevation_m"),
@@ -92,6 +94,15 @@ def test_wrong_tables_are_refused(folder, table, old, new, text):
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileError, match=text):
         load(folder)
+
+
+def test_a_state_may_stretch_and_creep(folder):
+    path = folder / "states.csv"
+    path.write_text(path.read_text().replace("creeps", "stretches creeps"))
+    line = load(folder)
+    assert (line.loads, line.creep) == (("everyday", "heavy"), "everyday")
+    again = jc.lines.load_line(jc.lines.save_line(folder / "line.json", line))
+    assert (again.loads, again.creep) == (line.loads, line.creep)
 
 
 @pytest.mark.parametrize("span", ["2.5", "0", "3"])
