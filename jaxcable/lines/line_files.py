@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..catalogue import conductor
@@ -247,8 +248,24 @@ def _stringing_of(head, path):
     return {**given, "temperature": float(stated.get("temperature_c", 15.0))}
 
 
+def _require_of_catalogue(own):
+    """ValueError for a `Conductor` that its name alone does not give back."""
+    text = f"line.section.conductor: {own.name!r} is not that of the catalogue"
+    why = "a file has only the name of a conductor"
+    try:
+        known = conductor(own.name)
+    except ValueError:
+        raise ValueError(f"{text}; {why}") from None
+    one, other = jax.tree.flatten(own), jax.tree.flatten(known)
+    same = one[1] == other[1] and all(map(np.array_equal, one[0], other[0]))
+    if not same:
+        raise ValueError(f"{text}: its numbers are changed; {why}")
+
+
 def save_line(path: str | PathLike[str], line: Line) -> Path:
     """Write a line to a JSON file that `load_line` reads; its conductor by its name.
+
+    Only a conductor of the catalogue can be written, as it is there.
 
     Args:
         path: path of the file, ending with .json.
@@ -259,6 +276,7 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
 
     Raises:
         OSError: the file cannot be written.
+        ValueError: the conductor is none of the catalogue, or is changed.
 
     Example:
         >>> import pathlib, tempfile
@@ -270,6 +288,7 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
         75.0
     """
     section, path = line.section, Path(path)
+    _require_of_catalogue(section.conductor)
     towers = [
         {
             "tower": name,

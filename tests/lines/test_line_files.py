@@ -105,6 +105,18 @@ def test_a_state_may_stretch_and_creep(folder):
     assert (again.loads, again.creep) == (line.loads, line.creep)
 
 
+def test_a_changed_conductor_is_not_saved(folder):
+    line = load(folder)
+    drake = line.section.conductor
+    layer = jc.replace(drake.layers[0], modulus=5e10)
+    elastic = jc.catalogue.Conductor((layer,), 5e-4, 0.03, 16.0, 1e5, name="Drake")
+    for changed in (jc.replace(drake, weight=20.0), elastic, jc.replace(elastic, name="mine")):
+        other = line._replace(section=jc.replace(line.section, conductor=changed))
+        with pytest.raises(ValueError, match="is not that of the catalogue"):
+            jc.lines.save_line(folder / "line.json", other)
+    assert not (folder / "line.json").exists()
+
+
 @pytest.mark.parametrize("span", ["2.5", "0", "3"])
 def test_broken_spans_are_whole_numbers_from_one(folder, span):
     path = folder / "states.csv"
