@@ -100,19 +100,21 @@ def tangent_law(
     permanent: Float[Array, " n_layer"],
     *,
     creeps: bool | Bool[Array, ""] = False,
+    ahead: float | Scalar = 0.0,
 ) -> tuple[Scalar, Scalar]:
     """Return the tangent of the law at a strain: strain without tension, and EA, N.
 
     The tension beside `strain` is ``EA (strain - strain without tension)``. The strain counts as
     constant: at an equilibrium with this tension derivatives by all else are those of the law.
+    The slope is that at the strain ``strain + ahead``: of the branch beyond a corner that is near.
     """
     strain = lax.stop_gradient(strain)
 
     def tension(e):
         return tension_at(conductor, e, temperature, permanent, creeps=creeps)
 
-    force, stiffness = jax.jvp(tension, (strain,), (jnp.ones_like(strain),))
-    return strain - force / stiffness, stiffness
+    _, stiffness = jax.jvp(tension, (strain + ahead,), (jnp.ones_like(strain),))
+    return strain - tension(strain) / stiffness, stiffness
 
 
 def strain_at(

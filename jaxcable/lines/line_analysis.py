@@ -30,6 +30,8 @@ from .line_section import LineSection
 from .line_states import STRING_DRAG, LineState
 
 _ROUNDS = 40  # of the law of the conductor; Newton's method needs three to six
+_USUAL_ROUNDS = 8  # after which the iteration is taken for one that cycles about a corner
+_AHEAD = 1e-5  # strain, by which slopes lie ahead then: on the branch of first loading
 _AGREED = 1e-10  # difference of tension and law, over the tension
 _POINTS = 41  # of a curve in pictures and drawings
 _BREAKING_INCREMENTS = 2
@@ -259,9 +261,13 @@ def _analyse_case(section, length, case):
     fixed = lax.stop_gradient((section, length, case))
     state = case.state
 
-    def solve_with(data, strain):
+    def solve_with(data, strain, rounds):
         section, length, case = data
-        free, stiffness = span_law.tangent_of_spans(section.conductor, strain, *_law_of(case))
+        # at a corner of the law each branch has its equilibrium on the other one: choose one branch
+        ahead = jnp.where(rounds < _USUAL_ROUNDS, 0.0, _AHEAD)
+        free, stiffness = span_law.tangent_of_spans(
+            section.conductor, strain, *_law_of(case), ahead=ahead
+        )
         rest, scale, wind_scale = length * (1 + free), 1.0, 1.0
         weight = section.conductor.weight / (1 + free)
         if case.stretched:  # loads per length of the stretched conductor
@@ -281,7 +287,7 @@ def _analyse_case(section, length, case):
 
     def agree(carry):
         strain, _, rounds = carry
-        _, _, new, tension, _ = solve_with(fixed, strain)
+        _, _, new, tension, _ = solve_with(fixed, strain, rounds)
         own = span_law.tensions_at(fixed[0].conductor, new, *_law_of(fixed[2]))
         error = jnp.abs(own - tension) / jnp.maximum(jnp.abs(tension), 1.0)
         if state.broken is not None:
@@ -294,8 +300,10 @@ def _analyse_case(section, length, case):
 
     usual = _USUAL * fixed[0].conductor.strength
     start = span_law.strains_at(fixed[0].conductor, usual, *_law_of(fixed[2]))
-    strain, error, _ = lax.while_loop(goes_on, agree, (start, jnp.ones(()), jnp.zeros((), int)))
-    structure, solution, strain, _, stiffness = solve_with((section, length, case), strain)
+    begun = start, jnp.ones(()), jnp.zeros((), int)
+    strain, error, rounds = lax.while_loop(goes_on, agree, begun)
+    data = section, length, case
+    structure, solution, strain, _, stiffness = solve_with(data, strain, rounds - 1)
     agreed = error < 1e-8
     code = jnp.where(agreed, solution.status, status.NOT_CONVERGED)
     found = _results_of(section, case, structure, solution, strain, stiffness)

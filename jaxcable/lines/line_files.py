@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from ..catalogue import conductor
@@ -37,7 +38,7 @@ _STATES = {
     "ice_density": "ice_density_kg_per_m3",
 }
 """Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
-_ROLES = "", "stretches", "creeps"
+_ROLES = "stretches", "creeps"
 _STRINGING = {"parameter_m": "parameter", "tension_n": "horizontal_tension", "sag_m": "sag"}
 _KINDS_OF_FILES = "towers", "states", "ground", "crossings"
 _NEEDED_TOWERS = ("tower", "kind", "station_m", "ground_m", "height_m")
@@ -87,7 +88,7 @@ def load_line(
       string_weight_N, string_area_m2``;
     - states: ``state, temperature_C, ice_mm, wind_Pa, wind_direction_deg, drag, extra_N_per_m,
       ice_density_kg_per_m3, condition, broken_span, role``; uneven ice is a list, ``0 20 20``;
-      spans count from 1; the role is "stretches" or "creeps";
+      spans count from 1; the role is "stretches", "creeps" (of one state) or both, with a space;
     - ground: ``station_m, elevation_m``; crossings: ``crossing, station_m, offset_m, elevation_m``.
 
     A JSON file has lists of objects with these keys, and ``"conductor": "Drake"``, ``"stringing":
@@ -135,8 +136,15 @@ def load_line(
     for row in _rows(others["crossings"], "crossings", columns):
         crossed.setdefault(row.text("crossing"), []).append([row.number(c) for c in columns[1:]])
     profile = [[row.number("station_m"), row.number("elevation_m")] for row in ground_rows]
+    for k in range(1, len(profile)):
+        if profile[k][0] <= profile[k - 1][0]:
+            raise FileError(
+                f"{ground_rows[k].place}: station_m = {profile[k][0]:g}: must be more than that of "
+                "the point before (a step in the ground: two stations 0.01 m apart)"
+            )
     section = _section_of_rows(path, name, profile or None, crossed)
-    found = _states_of_rows(_rows(others["states"], "states", ("state",)))
+    state_rows = _rows(others["states"], "states", ("state",))
+    found = _states_of_rows(state_rows, len(section.layout.spans))
     strung = dict(stringing) if stringing is not None else _stringing_of(head, path)
     line = Line(section, strung, *found)
     if "temperatures_C" in head:
@@ -177,14 +185,32 @@ def _section_of_rows(path, name, profile, crossings):
     )
 
 
-def _states_of_rows(rows):
+def _broken_span(row, count):
+    """Return the index, from 0, of the broken span in a row of the table of states, or None."""
+    if not row.text("broken_span"):
+        return None
+    number = row.number("broken_span")
+    if number % 1 != 0 or not 1 <= number <= count:
+        text = f"expected a whole number from 1 to {count}, the number of spans"
+        raise FileError(f"{row.place}: broken_span = {number:g}: {text}")
+    return int(number) - 1
+
+
+def _states_of_rows(rows, count):
     """Return the states of a table by name, the names of those that stretch, and that of creep."""
     usual, found, roles = LineState(), {}, {role: [] for role in _ROLES}
     for row in rows:
         name, role = row.text("state"), row.text("role")
-        if name in found or role not in _ROLES:
+        if name in found:
+            raise FileError(f"{row.place}: state {name!r} occurs twice; give it another name")
+        if not set(role.split()) <= set(_ROLES):
             raise FileError(
-                f"{row.place}: state {name!r} occurs twice, or role {role!r} is unknown"
+                f"{row.place}: role {role!r}: expected {', '.join(_ROLES)}, both or none"
+            )
+        if "creeps" in role.split() and roles["creeps"]:
+            first = roles["creeps"][0]
+            raise FileError(
+                f"{row.place}: role: state {first!r} creeps already; only one state may"
             )
         if (condition := row.text("condition") or "initial") not in CONDITIONS:
             raise FileError(f"{row.place}: condition: expected one of {', '.join(CONDITIONS)}")
@@ -192,18 +218,21 @@ def _states_of_rows(rows):
             ice = [1e-3 * float(word) for word in row.text("ice_mm").split()] or [0.0]
         except ValueError:
             raise FileError(f"{row.place}: ice_mm: expected numbers, one or one a span") from None
-        broken = row.text("broken_span")
+        if len(ice) not in (1, count):
+            raise FileError(f"{row.place}: ice_mm: {len(ice)} numbers, for {count} spans")
         numbers = {
             field: row.number(column, float(getattr(usual, field)))
             for field, column in _STATES.items()
         }
-        found[name] = LineState(
-            ice=ice[0] if len(ice) == 1 else ice,
-            condition=condition,
-            broken=int(row.number("broken_span")) - 1 if broken else None,
-            **numbers,
-        )
-        roles[role].append(name)
+        broken = _broken_span(row, count)
+        try:
+            found[name] = LineState(
+                ice=ice[0] if len(ice) == 1 else ice, condition=condition, broken=broken, **numbers
+            )
+        except ValueError as error:
+            raise FileError(f"{row.place}: {error}") from None
+        for one in set(role.split()):
+            roles[one].append(name)
     creep = roles["creeps"][0] if roles["creeps"] else None
     return found, tuple(roles["stretches"]), creep
 
@@ -219,8 +248,24 @@ def _stringing_of(head, path):
     return {**given, "temperature": float(stated.get("temperature_c", 15.0))}
 
 
+def _require_of_catalogue(own):
+    """ValueError for a `Conductor` that its name alone does not give back."""
+    text = f"line.section.conductor: {own.name!r} is not that of the catalogue"
+    why = "a file has only the name of a conductor"
+    try:
+        known = conductor(own.name)
+    except ValueError:
+        raise ValueError(f"{text}; {why}") from None
+    one, other = jax.tree.flatten(own), jax.tree.flatten(known)
+    same = one[1] == other[1] and all(map(np.array_equal, one[0], other[0]))
+    if not same:
+        raise ValueError(f"{text}: its numbers are changed; {why}")
+
+
 def save_line(path: str | PathLike[str], line: Line) -> Path:
     """Write a line to a JSON file that `load_line` reads; its conductor by its name.
+
+    Only a conductor of the catalogue can be written, as it is there.
 
     Args:
         path: path of the file, ending with .json.
@@ -231,6 +276,7 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
 
     Raises:
         OSError: the file cannot be written.
+        ValueError: the conductor is none of the catalogue, or is changed.
 
     Example:
         >>> import pathlib, tempfile
@@ -242,6 +288,7 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
         75.0
     """
     section, path = line.section, Path(path)
+    _require_of_catalogue(section.conductor)
     towers = [
         {
             "tower": name,
@@ -252,7 +299,8 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
     ]
     states = []
     for name, state in line.states.items():
-        role = "stretches" if name in line.loads else "creeps" if name == line.creep else ""
+        is_one = dict(zip(_ROLES, (name in line.loads, name == line.creep), strict=True))
+        role = " ".join(one for one in _ROLES if is_one[one])
         ice = " ".join(repr(1e3 * float(x)) for x in np.atleast_1d(np.asarray(state.ice)))
         numbers = {column: float(getattr(state, field)) for field, column in _STATES.items()}
         broken = {} if state.broken is None else {"broken_span": state.broken + 1}

@@ -26,6 +26,20 @@ _TABLE = ("station", "ground", "height", "offset", "angle")
 _STRINGS = ("string_length", "string_weight", "string_area")
 
 
+def _does_not_increase(profile):
+    """Return whether each point of a profile lies at or before the point before it, [n - 1]."""
+    return profile[1:, 0] <= profile[:-1, 0]
+
+
+def _increase_text(index, profile):
+    """Return the message on the first point of a profile that is not beyond the one before."""
+    k = index[0] + 1
+    return (
+        f"profile[{k}]: its station, {profile[k, 0]:g} m, must be more than that of the point "
+        f"before, {profile[k - 1, 0]:g} m (a step in the ground: two stations 0.01 m apart)"
+    )
+
+
 class Attachment(NamedTuple):
     """A place where a tower holds the conductor.
 
@@ -118,16 +132,16 @@ class LineSection:
         string_length: of insulator strings, scalar or [n_tower], m.
         string_weight: of one string, scalar or [n_tower], N.
         string_area: of one string exposed to the wind, scalar or [n_tower], m2.
-        profile: points of the ground, [n, 2], station and elevation, m; None for lines between the
-            towers.
+        profile: points of the ground, [n, 2], station and elevation, m, at increasing stations;
+            None for lines between the towers.
         crossings: lines that are crossed, by name: points [n, 3], station, offset to the left and
             elevation, m.
         names: of the towers; default "1", "2" and so on.
         with_string: which towers have strings; set by the constructor.
 
     Raises:
-        ValueError: wrong shapes or kinds, stations that do not increase, negative lengths or
-            weights, suspension towers without string; fewer than two towers.
+        ValueError: wrong shapes or kinds, stations of towers or profile that do not increase,
+            negative lengths or weights, suspension towers without string; fewer than two towers.
 
     Example:
         >>> section = jc.lines.LineSection(
@@ -186,6 +200,7 @@ class LineSection:
             profile = checks.as_floats(self.profile, "profile")
             if profile.ndim != 2 or profile.shape[1] != 2 or len(profile) < 2:
                 raise ValueError(f"profile: expected shape [n, 2], n >= 2, got {profile.shape}")
+            refuse_if_broken([Rule("profile", profile, _does_not_increase, _increase_text)])
             set_fields(self, profile=profile)
         crossings = {k: checks.as_floats(v, k) for k, v in dict(self.crossings or {}).items()}
         for name, points in crossings.items():

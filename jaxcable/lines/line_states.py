@@ -25,6 +25,14 @@ STRING_DRAG = 1.2
 _NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
 
 
+def _span_index(value):
+    """Return the index of a broken span as an int; ValueError if it is no whole number, or < 0."""
+    whole = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not whole or value % 1 != 0 or value < 0:
+        raise ValueError(f"broken = {value!r}: expected a whole number, the index of a span from 0")
+    return int(value)
+
+
 @pytree(static=("condition", "broken"))
 class LineState:
     """What acts on a line at one time.
@@ -45,7 +53,8 @@ class LineState:
         broken: index of the span whose conductor is broken, from 0; None: none is.
 
     Raises:
-        ValueError: wrong shapes, negative numbers, an unknown condition.
+        ValueError: wrong shapes, negative numbers, an unknown condition, a broken span that is no
+            whole number or negative.
 
     Example:
         >>> heavy = jc.lines.LineState(-17.8, ice=0.0127, wind=191.5, extra=4.38, ice_density=913.0)
@@ -71,6 +80,8 @@ class LineState:
             raise ValueError(f"ice: expected shape [] or [n_span], got {ice.shape}")
         set_fields(self, ice=ice)
         checks.require_one_of(self.condition, "condition", CONDITIONS)
+        if self.broken is not None:
+            set_fields(self, broken=_span_index(self.broken))
         refuse_if_broken(self.rules())
         # the other numbers are those of loads, which look at traced ones
         set_fields(self, extra=nan_if_broken(not_negative("extra", self.extra)))

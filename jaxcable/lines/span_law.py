@@ -39,8 +39,8 @@ def never_loaded(section: LineSection) -> Float[Array, "n_span n_layer"]:
 def _map_spans(function, tension_axis=0):
     """Return a function of `conductor_law` for all spans: of conductor and the arguments below."""
 
-    def of_spans(conductor, values, temperature, permanent, creeps=False):
-        law = functools.partial(function, conductor, creeps=creeps)
+    def of_spans(conductor, values, temperature, permanent, creeps=False, **more):
+        law = functools.partial(function, conductor, creeps=creeps, **more)
         axes = (tension_axis, None, 0)
         return jax.vmap(law, axes)(jnp.asarray(values), jnp.asarray(temperature), permanent)
 
@@ -48,7 +48,8 @@ def _map_spans(function, tension_axis=0):
 
 
 # Functions of the conductor, strains [n_span] (or one tension, N), the temperature, degrees C,
-# permanent strains of the layers, [n_span, n_layer], and whether the conductor creeps.
+# permanent strains of the layers, [n_span, n_layer], and whether the conductor creeps; tangents
+# also of how far ahead of the strain they have their slope.
 tangent_of_spans = _map_spans(conductor_law.tangent_law)
 tensions_at = _map_spans(conductor_law.tension_at)
 permanent_of_spans = _map_spans(conductor_law.permanent_strains)

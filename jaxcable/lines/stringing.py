@@ -24,6 +24,8 @@ from .line_section import LineSection
 from .line_states import LineState
 from .span_law import mean_tension, never_loaded, stack, strains_at, tangent_of_spans
 
+_SAG_ROUNDS = 8  # of the tension that gives a sag; Newton's method needs two or three
+_AGREED = 1e-6  # relative step of this tension after which one more is exact
 _ROUNDS = 2  # tangents of the law; the difference of mean and horizontal tension is small
 
 
@@ -75,7 +77,8 @@ def string(
     Options:
         parameter: catenary parameter, horizontal tension over weight, m.
         horizontal_tension: N.
-        sag: vertical at midspan of the span `span`, m. One of the three is given.
+        sag: vertical at midspan of the span `span`, m, with strings as they swing at towers where
+            the line turns. One of the three is given.
         span: index of the span that has the `sag`.
         temperature: of the conductor, degrees C.
         stretched: as of `analyse`.
@@ -91,7 +94,7 @@ def string(
         >>> section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post")
         >>> strung = jc.lines.string(section, sag=8.0, temperature=15.0)
         >>> print(strung.status, f"{strung.horizontal[0]:.0f} N")
-        0 22458 N
+        0 22453 N
     """
     stated = {"parameter": parameter, "horizontal_tension": horizontal_tension, "sag": sag}
     given = {name: value for name, value in stated.items() if value is not None}
@@ -120,13 +123,25 @@ class _Stated:
 @as_program
 def _string(section, stated):
     """Return the `Stringing` of a section; `stated` is a `_Stated`."""
-    conductor, count = section.conductor, len(section.layout.spans)
-    virgin = never_loaded(section)
     level = jnp.asarray(stated.value)
     if stated.name == "parameter":
-        level = level * conductor.weight
+        level = level * section.conductor.weight
     if stated.name == "sag":
-        level = _tension_of_sag(section, stated.value, stated.span)
+        level = _tension_of_sag(section, stated)
+    structure, hung, free = _hang(section, stated, level)
+    return Stringing(
+        hung.rest_length["conductor"] / (1 + free),
+        horizontal_tensions(structure, hung)["conductor"],
+        stated.temperature,
+        hung.status,
+        hung.positions,
+    )
+
+
+def _hang(section, stated, level):
+    """Return structure, solution and strains without tension of a section with a tension, N."""
+    conductor, count = section.conductor, len(section.layout.spans)
+    virgin = never_loaded(section)
     strain = strains_at(conductor, level, stated.temperature, virgin)
     for _ in range(_ROUNDS):
         strain = lax.stop_gradient(strain)
@@ -139,24 +154,50 @@ def _string(section, stated):
         )
         hung = solve(structure, phase)
         strain = free + mean_tension(hung.element_results["end_pull"]["conductor"]) / stiffness
-    return Stringing(
-        hung.rest_length["conductor"] / (1 + free),
-        horizontal_tensions(structure, hung)["conductor"],
-        stated.temperature,
-        hung.status,
-        hung.positions,
-    )
+    return structure, hung, free
 
 
-def _tension_of_sag(section, sag, span):
+def _tension_of_sag(section, stated):
+    """Return the horizontal tension at which a span of the section has its stated sag, N.
+
+    Newton's method for one over the sag, which is nearly proportional to the tension. Its last step
+    is differentiable by all numbers, as the tension is.
+    """
+
+    def flatness(level, data):
+        structure, hung, _ = _hang(*data, level)
+        return 1 / sags(structure, hung)["conductor"].midspan[stated.span]
+
+    def tangent(level):
+        return jax.jvp(lambda x: flatness(x, fixed), (level,), (jnp.ones_like(level),))
+
+    def goes_on(carry):
+        return (carry[1] > _AGREED) & (carry[2] < _SAG_ROUNDS)
+
+    def agree(carry):
+        value, slope = tangent(carry[0])
+        change = (1 / fixed[1].value - value) / slope
+        return carry[0] + change, jnp.abs(change / carry[0]), carry[2] + 1, slope
+
+    data = section, stated
+    fixed = lax.stop_gradient(data)
+    start = _tension_of_one_span(*fixed)
+    begun = start, jnp.ones_like(start), jnp.zeros((), int), jnp.ones_like(start)
+    level, _, _, slope = lax.while_loop(goes_on, agree, begun)
+    level, slope = lax.stop_gradient((level, slope))
+    return level + (1 / stated.value - flatness(level, data)) / slope
+
+
+def _tension_of_one_span(section, stated):
     """Return the horizontal tension at which one span between plumb strings has a sag, N."""
-    one = jnp.asarray(section.nodes())[np.array(section.layout.spans[span])]
+    one = jnp.asarray(section.nodes())[np.array(section.layout.spans[stated.span])]
     conductor = section.conductor
     stiffness = jnp.reshape(conductor.area * conductor.final_modulus, (1,))
     weight = jnp.reshape(conductor.weight, (1,))
     hanging = Catenaries([[0, 1]], axial_stiffness=stiffness, weight=weight)
     alone = Structure(one, {"conductor": hanging}, pinned([0, 1]))
-    hung = solve(alone, Phase(sag={"conductor": jnp.reshape(sag, (1,))}, loads=SelfWeight()))
+    sag = jnp.reshape(stated.value, (1,))
+    hung = solve(alone, Phase(sag={"conductor": sag}, loads=SelfWeight()))
     return horizontal_tensions(alone, hung)["conductor"][0]
 
 

@@ -78,9 +78,14 @@ def test_a_line_goes_to_json_and_back(folder):
         ("towers", "suspension", "hanging", "line 3: kind"),
         ("towers", "280", "x", "line 3: station_m"),
         ("states", "20 15", "20 y", "line 3: ice_mm"),
-        ("states", "stretches", "pulls", "line 3: .*role"),
+        ("states", "20 15", "20 15 10", "states.csv: line 3: ice_mm: 3 numbers, for 2 spans"),
+        ("states", "stretches", "pulls", "line 3: role 'pulls': expected stretches, creeps"),
+        ("states", "stretches", "creeps", "line 3: role: state 'everyday' creeps already"),
+        ("states", "20 15", "-20", "states.csv: line 3: ice = -0.02"),
+        ("states", "hot", "heavy", "line 4: state 'heavy' occurs twice"),
         ("states", "final", "last", "line 4: condition"),
         ("ground", "elevation_m", "z", "elevation_m"),
+        ("ground", "280", "150", r"ground.csv: line 4: station_m = 150: must be more"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # of the column that is left out
@@ -89,6 +94,38 @@ def test_wrong_tables_are_refused(folder, table, old, new, text):
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileError, match=text):
         load(folder)
+
+
+def test_a_state_may_stretch_and_creep(folder):
+    path = folder / "states.csv"
+    path.write_text(path.read_text().replace("creeps", "stretches creeps"))
+    line = load(folder)
+    assert (line.loads, line.creep) == (("everyday", "heavy"), "everyday")
+    again = jc.lines.load_line(jc.lines.save_line(folder / "line.json", line))
+    assert (again.loads, again.creep) == (line.loads, line.creep)
+
+
+def test_a_changed_conductor_is_not_saved(folder):
+    line = load(folder)
+    drake = line.section.conductor
+    layer = jc.replace(drake.layers[0], modulus=5e10)
+    elastic = jc.catalogue.Conductor((layer,), 5e-4, 0.03, 16.0, 1e5, name="Drake")
+    for changed in (jc.replace(drake, weight=20.0), elastic, jc.replace(elastic, name="mine")):
+        other = line._replace(section=jc.replace(line.section, conductor=changed))
+        with pytest.raises(ValueError, match="is not that of the catalogue"):
+            jc.lines.save_line(folder / "line.json", other)
+    assert not (folder / "line.json").exists()
+
+
+@pytest.mark.parametrize("span", ["2.5", "0", "3"])
+def test_broken_spans_are_whole_numbers_from_one(folder, span):
+    path = folder / "states.csv"
+    rows = path.read_text().replace("role", "role,broken_span").splitlines()
+    path.write_text("\n".join([rows[0], *(row + "," for row in rows[1:-1]), rows[-1] + "," + span]))
+    with pytest.raises(FileError, match=rf"line 4: broken_span = {span}: expected .* from 1 to 2"):
+        load(folder)
+    path.write_text(path.read_text()[: -len(span)] + "2")
+    assert load(folder).states["hot"].broken == 1
 
 
 def test_a_line_needs_a_conductor_and_a_stringing(folder):

@@ -59,3 +59,19 @@ def test_traced_numbers_fail_in_their_own_cases():
     failed = {name: codes[1 + k] != jc.status.OK for k, name in enumerate(BAD)}
     assert all(failed.values()), failed
     assert np.isnan(sags[1:]).all()
+
+
+def test_points_of_the_ground_must_go_on():
+    drake = jc.catalogue.conductor("Drake")
+    table = drake, [0.0, 300.0], [0.0, 0.0], [20.0, 20.0], "post"
+    for again in (100.0, 50.0):
+        profile = [[0.0, 0.0], [100.0, 1.0], [again, 4.0], [300.0, 0.0]]
+        with pytest.raises(ValueError, match=r"profile\[2\]: its station, .* must be more"):
+            jc.lines.LineSection(*table, profile=profile)
+
+
+@pytest.mark.parametrize("broken", [2.5, -1, True, "1", float("nan")])
+def test_a_broken_span_is_a_whole_number(broken):
+    with pytest.raises(ValueError, match=r"broken = .*: expected a whole number"):
+        jc.lines.LineState(broken=broken)
+    assert jc.lines.LineState(broken=np.int64(1)).broken == 1
