@@ -13,6 +13,7 @@ import numpy as np
 
 from ..catalogue import conductor
 from ..catalogue.tables import read_rows
+from ..common import checks
 from ..common.writing import atomic_write
 from ..files.reading import FileError, read_json
 from .line_section import KINDS, LineSection
@@ -145,7 +146,7 @@ def load_line(
     section = _section_of_rows(path, name, profile or None, crossed)
     state_rows = _rows(others["states"], "states", ("state",))
     found = _states_of_rows(state_rows, len(section.layout.spans))
-    strung = dict(stringing) if stringing is not None else _stringing_of(head, path)
+    strung = _known_stringing(stringing) if stringing is not None else _stringing_of(head, path)
     line = Line(section, strung, *found)
     if "temperatures_C" in head:
         line = line._replace(temperatures=tuple(map(float, head["temperatures_C"])))
@@ -237,9 +238,21 @@ def _states_of_rows(rows, count):
     return found, tuple(roles["stretches"]), creep
 
 
+def _known_stringing(stringing):
+    """Return the arguments of `string` as a dict; ValueError for names that it does not have."""
+    names = *_STRINGING.values(), "span", "temperature"
+    for name in stringing:
+        checks.require_one_of(name, "stringing", names)
+    return dict(stringing)
+
+
 def _stringing_of(head, path):
     """Return the arguments of `string` in the head of a file."""
     stated = {str(k).lower(): v for k, v in dict(head.get("stringing", {})).items()}
+    for name in stated:
+        if name not in (*_STRINGING, "span", "temperature_c"):
+            text = "expected parameter_m, tension_N, sag_m, span, temperature_C"
+            raise FileError(f"{path}: stringing: {name!r}: {text}")
     given = {_STRINGING[k]: float(v) for k, v in stated.items() if k in _STRINGING}
     if len(given) != 1:
         raise FileError(f"{path}: stringing: give one of parameter_m, tension_N, sag_m")

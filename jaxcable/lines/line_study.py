@@ -84,7 +84,48 @@ class LineStudy:
         ]
         if uplift:
             sentences.append(f"uplift at towers {', '.join(dict.fromkeys(uplift))}")
+        sentences += self._remarks(spans)
         return Report(self.status, tuple(sentences), tables)
+
+    def _remarks(self, spans):
+        """Return sentences on the stringing, the conductor and what is not known, a list."""
+        section, states = self.line.section, self.line.states
+        one, given = section.conductor, self.line.stringing
+        texts = {
+            "parameter": "catenary parameter {:.4g} m",
+            "horizontal_tension": "horizontal tension {:.6g} N",
+            "sag": f"sag {{:.4g}} m in span {spans[given.get('span', 0)]}",
+        }
+        (condition,) = (text.format(float(given[k])) for k, text in texts.items() if k in given)
+        found = [
+            f"strung with {condition} at {float(given.get('temperature', 15.0)):g} degC",
+            f"conductor {one.name}: weight {one.weight:.2f} N/m, "
+            f"EA {one.area * one.final_modulus / 1e6:.2f} MN, "
+            f"diameter {1e3 * one.diameter:.2f} mm, rated strength {one.strength / 1e3:.1f} kN",
+        ]
+        ground = section.profile
+        if ground is not None:
+            first, last = float(ground[0, 0]), float(ground[-1, 0])
+            ends = np.asarray(section.station, float)
+            bare = [
+                name
+                for name, low, high in zip(spans, ends[:-1], ends[1:], strict=True)
+                if low < first or high > last
+            ]
+            if bare:
+                found.append(
+                    f"the ground is known from {first:g} to {last:g} m only: "
+                    f"clearances leave out all or part of spans {', '.join(bare)}"
+                )
+        final = [name for name, state in states.items() if state.condition == "final"]
+        if final and len(one.layers) == 1 and one.layers[0].creep is None:
+            curve = np.asarray(one.layers[0].initial)
+            if np.allclose(curve[1], one.layers[0].modulus) and not curve[2:].any():
+                found.append(
+                    f"the conductor {one.name} is elastic, without permanent stretch: "
+                    f"the final states {', '.join(final)} are as initial ones"
+                )
+        return found
 
 
 def study_line(line: Line) -> LineStudy:
@@ -108,9 +149,13 @@ def study_line(line: Line) -> LineStudy:
         0
     """
     section, states = line.section, line.states
+    stretches = line.loads or line.creep is not None
+    if not stretches and (final := [k for k, s in states.items() if s.condition == "final"]):
+        text = "give a state the role stretches or creeps"
+        raise ValueError(f"states[{final[0]!r}]: is final, but no state stretches the line; {text}")
     strung = string(section, **line.stringing)
     permanent = None
-    if line.loads or line.creep is not None:
+    if stretches:
         loads = {name: states[name] for name in line.loads}
         creep = None if line.creep is None else copy_with(states[line.creep], broken=None)
         permanent = stretch(section, strung, loads, creep)

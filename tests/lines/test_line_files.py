@@ -133,6 +133,8 @@ def test_a_line_needs_a_conductor_and_a_stringing(folder):
         load(folder, conductor_name=None)
     with pytest.raises(FileError, match="stringing"):
         load(folder, stringing=None)
+    with pytest.raises(ValueError, match=r"stringing.*tension"):
+        load(folder, stringing={"tension": 2e4})
 
 
 @pytest.mark.slow
@@ -177,3 +179,22 @@ def test_conductors_have_plausible_curves():
         jc.catalogue.Layer([1.0], 1.0, 1e-5)
     with pytest.raises(ValueError, match="layers"):
         jc.catalogue.Conductor((), 1.0, 1.0, 1.0, 1.0)
+
+
+def test_a_report_says_how_the_line_is_strung_and_what_is_not_known():
+    section = jc.lines.LineSection(
+        *(jc.catalogue.conductor("Hawk"), [0.0, 300.0, 600.0], [0.0] * 3, [22.0] * 3, "post"),
+        profile=[[0.0, 0.0], [350.0, 1.0]],
+    )
+    states = {"hot": jc.lines.LineState(75.0, condition="final")}
+    line = jc.lines.Line(section, {"parameter": 1400.0}, states, ("hot",), None, (15.0,))
+    text = "\n".join(jc.lines.study_line(line).report().summary)
+    for part in (
+        "strung with catenary parameter 1400 m at 15 degC",
+        "weight 9.57 N/m, EA 21.64 MN, diameter 21.80 mm, rated strength 84.9 kN",
+        "ground is known from 0 to 350 m only: clearances leave out all or part of spans 2-3",
+        "is elastic, without permanent stretch: the final states hot are as initial ones",
+    ):
+        assert part in text
+    with pytest.raises(ValueError, match=r"states\['hot'\]: is final, but no state stretches"):
+        jc.lines.study_line(line._replace(loads=()))
