@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ..common import status
+from ..common import checks, status
 from ..common.tree import copy_with
 from ..common.types import Array, Float
 from ..reporting import Report
@@ -137,8 +137,11 @@ def study_line(line: Line) -> LineStudy:
     Returns:
         `LineStudy`; its `report` has all tables.
 
+    Tensions above the rated strength, and strains beyond the measured curves of the conductor, are
+    results all the same; an `InputWarning` names the states.
+
     Raises:
-        ValueError: as of `string` and `analyse`.
+        ValueError: as of `string` and `analyse`; final states, but none that stretches the line.
 
     Example:
         >>> drake = jc.catalogue.conductor("Drake")
@@ -160,6 +163,28 @@ def study_line(line: Line) -> LineStudy:
         creep = None if line.creep is None else copy_with(states[line.creep], broken=None)
         permanent = stretch(section, strung, loads, creep)
     results = analyse(section, strung, states, permanent=permanent)
+    _warn_of_overloads(section, states, results)
     chart = pulleys(section, strung, line.temperatures)
     ruling = ruling_span(section, strung, states, results, permanent=permanent)
     return LineStudy(line, strung, permanent, results, chart, ruling)
+
+
+def _warn_of_overloads(section, states, results):
+    """Warn of states whose tension is above the strength or whose strain is beyond the curves."""
+    one = section.conductor
+    most = np.nan_to_num(np.asarray(results.utilization), posinf=0.0).max(axis=1)
+    over = [f"{name!r} ({x:.0%})" for name, x in zip(results.names, most, strict=True) if x > 1]
+    if over:
+        checks.warn_user(f"tension above the rated strength in the states {', '.join(over)}")
+    strain = np.nan_to_num(np.asarray(results.strain))
+    beyond = [
+        repr(name)
+        for name, strains in zip(results.names, strain, strict=True)
+        if any(
+            strains.max() - x.expansion * (states[name].temperature - one.temperature) > x.limit
+            for x in one.layers
+        )
+    ]
+    if beyond:
+        text = f"strain beyond the curves of {one.name} in the states {', '.join(beyond)}"
+        checks.warn_user(text + "; the law goes on along its tangent")

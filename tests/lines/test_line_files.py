@@ -198,3 +198,19 @@ def test_a_report_says_how_the_line_is_strung_and_what_is_not_known():
         assert part in text
     with pytest.raises(ValueError, match=r"states\['hot'\]: is final, but no state stretches"):
         jc.lines.study_line(line._replace(loads=()))
+
+
+def test_overloads_are_warned_of():
+    drake = jc.catalogue.conductor("Drake")
+    section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [22.0, 22.0], "post")
+    with pytest.warns(jc.InputWarning, match=r"ice = 20: more than 0\.3 m"):
+        jc.lines.LineState(-5.0, ice=20.0)
+    states = {"calm": jc.lines.LineState(), "ice": jc.lines.LineState(-5.0, ice=0.12)}
+    line = jc.lines.Line(section, {"parameter": 1500.0}, states, temperatures=(15.0,))
+    with pytest.warns(jc.InputWarning) as seen:
+        study = jc.lines.study_line(line)
+    assert study.status == 0
+    texts = sorted(str(one.message) for one in seen)
+    assert len(texts) == 2 and "calm" not in "".join(texts)
+    assert texts[0].startswith("strain beyond the curves of Drake in the states 'ice'")
+    assert texts[1].startswith("tension above the rated strength in the states 'ice' (")
