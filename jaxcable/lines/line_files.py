@@ -136,6 +136,10 @@ def load_line(
     crossed: dict[str, list[list[float]]] = {}
     for row in _rows(others["crossings"], "crossings", columns):
         crossed.setdefault(row.text("crossing"), []).append([row.number(c) for c in columns[1:]])
+    for crossing, points in crossed.items():
+        if len(points) < 2:
+            text = f"crossing {crossing!r}: has one point; give two or more"
+            raise FileError(f"{others['crossings']}: {text}")
     profile = [[row.number("station_m"), row.number("elevation_m")] for row in ground_rows]
     for k in range(1, len(profile)):
         if profile[k][0] <= profile[k - 1][0]:
@@ -163,7 +167,11 @@ def _rows(path, key, needed):
         "ground": needed,
         "crossings": needed,
     }[key]
-    return read_rows(path, columns, needed, key)
+    try:
+        return read_rows(path, columns, needed, key)
+    except FileError as error:  # may have the path twice: from the line, and from the whole file
+        text = str(error).removeprefix(f"{path}: ")
+        raise FileError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from None
 
 
 def _section_of_rows(path, name, profile, crossings):

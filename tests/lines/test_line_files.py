@@ -84,7 +84,13 @@ def test_a_line_goes_to_json_and_back(folder):
         ("states", "20 15", "-20", "states.csv: line 3: ice = -0.02"),
         ("states", "hot", "heavy", "line 4: state 'heavy' occurs twice"),
         ("states", "final", "last", "line 4: condition"),
-        ("ground", "elevation_m", "z", "elevation_m"),
+        (
+            "ground",
+            "elevation_m",
+            "z",
+            r"^[^:]*ground.csv: line 1: column .elevation_m. is",
+        ),
+        ("crossings", "road,460", "rail,460", r"crossings.csv: crossing 'road': has one point"),
         ("ground", "280", "150", r"ground.csv: line 4: station_m = 150: must be more"),
     ],
 )
