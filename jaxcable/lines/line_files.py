@@ -13,6 +13,7 @@ import numpy as np
 
 from ..catalogue import conductor
 from ..catalogue.tables import read_rows
+from ..common import checks
 from ..common.writing import atomic_write
 from ..files.reading import FileError, read_json
 from .line_section import KINDS, LineSection
@@ -135,6 +136,10 @@ def load_line(
     crossed: dict[str, list[list[float]]] = {}
     for row in _rows(others["crossings"], "crossings", columns):
         crossed.setdefault(row.text("crossing"), []).append([row.number(c) for c in columns[1:]])
+    for crossing, points in crossed.items():
+        if len(points) < 2:
+            text = f"crossing {crossing!r}: has one point; give two or more"
+            raise FileError(f"{others['crossings']}: {text}")
     profile = [[row.number("station_m"), row.number("elevation_m")] for row in ground_rows]
     for k in range(1, len(profile)):
         if profile[k][0] <= profile[k - 1][0]:
@@ -145,7 +150,7 @@ def load_line(
     section = _section_of_rows(path, name, profile or None, crossed)
     state_rows = _rows(others["states"], "states", ("state",))
     found = _states_of_rows(state_rows, len(section.layout.spans))
-    strung = dict(stringing) if stringing is not None else _stringing_of(head, path)
+    strung = _known_stringing(stringing) if stringing is not None else _stringing_of(head, path)
     line = Line(section, strung, *found)
     if "temperatures_C" in head:
         line = line._replace(temperatures=tuple(map(float, head["temperatures_C"])))
@@ -162,7 +167,11 @@ def _rows(path, key, needed):
         "ground": needed,
         "crossings": needed,
     }[key]
-    return read_rows(path, columns, needed, key)
+    try:
+        return read_rows(path, columns, needed, key)
+    except FileError as error:  # may have the path twice: from the line, and from the whole file
+        text = str(error).removeprefix(f"{path}: ")
+        raise FileError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from None
 
 
 def _section_of_rows(path, name, profile, crossings):
@@ -237,9 +246,21 @@ def _states_of_rows(rows, count):
     return found, tuple(roles["stretches"]), creep
 
 
+def _known_stringing(stringing):
+    """Return the arguments of `string` as a dict; ValueError for names that it does not have."""
+    names = *_STRINGING.values(), "span", "temperature"
+    for name in stringing:
+        checks.require_one_of(name, "stringing", names)
+    return dict(stringing)
+
+
 def _stringing_of(head, path):
     """Return the arguments of `string` in the head of a file."""
     stated = {str(k).lower(): v for k, v in dict(head.get("stringing", {})).items()}
+    for name in stated:
+        if name not in (*_STRINGING, "span", "temperature_c"):
+            text = "expected parameter_m, tension_N, sag_m, span, temperature_C"
+            raise FileError(f"{path}: stringing: {name!r}: {text}")
     given = {_STRINGING[k]: float(v) for k, v in stated.items() if k in _STRINGING}
     if len(given) != 1:
         raise FileError(f"{path}: stringing: give one of parameter_m, tension_N, sag_m")

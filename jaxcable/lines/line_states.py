@@ -22,6 +22,8 @@ CONDITIONS = "initial", "final", "creep"
 STRING_DRAG = 1.2
 """Drag coefficient of insulator strings, without unit (EN 50341-1, 4.4.2)."""
 
+_THICKEST = 0.3  # ice, m, beyond which it is most likely in millimeters
+
 _NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
 
 
@@ -83,6 +85,9 @@ class LineState:
         if self.broken is not None:
             set_fields(self, broken=_span_index(self.broken))
         refuse_if_broken(self.rules())
+        known = checks.array_if_known(ice)
+        if known is not None and (known > _THICKEST).any():
+            checks.warn_user(f"ice = {known.max():g}: more than {_THICKEST:g} m; it is in meters")
         # the other numbers are those of loads, which look at traced ones
         set_fields(self, extra=nan_if_broken(not_negative("extra", self.extra)))
 

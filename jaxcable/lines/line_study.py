@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ..common import status
+from ..common import checks, status
 from ..common.tree import copy_with
 from ..common.types import Array, Float
 from ..reporting import Report
@@ -84,7 +84,48 @@ class LineStudy:
         ]
         if uplift:
             sentences.append(f"uplift at towers {', '.join(dict.fromkeys(uplift))}")
+        sentences += self._remarks(spans)
         return Report(self.status, tuple(sentences), tables)
+
+    def _remarks(self, spans):
+        """Return sentences on the stringing, the conductor and what is not known, a list."""
+        section, states = self.line.section, self.line.states
+        one, given = section.conductor, self.line.stringing
+        texts = {
+            "parameter": "catenary parameter {:.4g} m",
+            "horizontal_tension": "horizontal tension {:.6g} N",
+            "sag": f"sag {{:.4g}} m in span {spans[given.get('span', 0)]}",
+        }
+        (condition,) = (text.format(float(given[k])) for k, text in texts.items() if k in given)
+        found = [
+            f"strung with {condition} at {float(given.get('temperature', 15.0)):g} degC",
+            f"conductor {one.name}: weight {one.weight:.2f} N/m, "
+            f"EA {one.area * one.final_modulus / 1e6:.2f} MN, "
+            f"diameter {1e3 * one.diameter:.2f} mm, rated strength {one.strength / 1e3:.1f} kN",
+        ]
+        ground = section.profile
+        if ground is not None:
+            first, last = float(ground[0, 0]), float(ground[-1, 0])
+            ends = np.asarray(section.station, float)
+            bare = [
+                name
+                for name, low, high in zip(spans, ends[:-1], ends[1:], strict=True)
+                if low < first or high > last
+            ]
+            if bare:
+                found.append(
+                    f"the ground is known from {first:g} to {last:g} m only: "
+                    f"clearances leave out all or part of spans {', '.join(bare)}"
+                )
+        final = [name for name, state in states.items() if state.condition == "final"]
+        if final and len(one.layers) == 1 and one.layers[0].creep is None:
+            curve = np.asarray(one.layers[0].initial)
+            if np.allclose(curve[1], one.layers[0].modulus) and not curve[2:].any():
+                found.append(
+                    f"the conductor {one.name} is elastic, without permanent stretch: "
+                    f"the final states {', '.join(final)} are as initial ones"
+                )
+        return found
 
 
 def study_line(line: Line) -> LineStudy:
@@ -96,8 +137,11 @@ def study_line(line: Line) -> LineStudy:
     Returns:
         `LineStudy`; its `report` has all tables.
 
+    Tensions above the rated strength, and strains beyond the measured curves of the conductor, are
+    results all the same; an `InputWarning` names the states.
+
     Raises:
-        ValueError: as of `string` and `analyse`.
+        ValueError: as of `string` and `analyse`; final states, but none that stretches the line.
 
     Example:
         >>> drake = jc.catalogue.conductor("Drake")
@@ -108,13 +152,39 @@ def study_line(line: Line) -> LineStudy:
         0
     """
     section, states = line.section, line.states
+    stretches = line.loads or line.creep is not None
+    if not stretches and (final := [k for k, s in states.items() if s.condition == "final"]):
+        text = "give a state the role stretches or creeps"
+        raise ValueError(f"states[{final[0]!r}]: is final, but no state stretches the line; {text}")
     strung = string(section, **line.stringing)
     permanent = None
-    if line.loads or line.creep is not None:
+    if stretches:
         loads = {name: states[name] for name in line.loads}
         creep = None if line.creep is None else copy_with(states[line.creep], broken=None)
         permanent = stretch(section, strung, loads, creep)
     results = analyse(section, strung, states, permanent=permanent)
+    _warn_of_overloads(section, states, results)
     chart = pulleys(section, strung, line.temperatures)
     ruling = ruling_span(section, strung, states, results, permanent=permanent)
     return LineStudy(line, strung, permanent, results, chart, ruling)
+
+
+def _warn_of_overloads(section, states, results):
+    """Warn of states whose tension is above the strength or whose strain is beyond the curves."""
+    one = section.conductor
+    most = np.nan_to_num(np.asarray(results.utilization), posinf=0.0).max(axis=1)
+    over = [f"{name!r} ({x:.0%})" for name, x in zip(results.names, most, strict=True) if x > 1]
+    if over:
+        checks.warn_user(f"tension above the rated strength in the states {', '.join(over)}")
+    strain = np.nan_to_num(np.asarray(results.strain))
+    beyond = [
+        repr(name)
+        for name, strains in zip(results.names, strain, strict=True)
+        if any(
+            strains.max() - x.expansion * (states[name].temperature - one.temperature) > x.limit
+            for x in one.layers
+        )
+    ]
+    if beyond:
+        text = f"strain beyond the curves of {one.name} in the states {', '.join(beyond)}"
+        checks.warn_user(text + "; the law goes on along its tangent")

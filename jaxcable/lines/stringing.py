@@ -293,6 +293,11 @@ def _on_pulleys(section, strung, clamped):
     offsets, codes = jnp.zeros(count - 1), []
     unstressed = clamped.span_load[:, 2] / clamped.rest_length
     for spans in own.tension_sections:
+        if len(spans) == 1:  # no pulley is between its ends
+            k = spans[0]
+            sag, level = sag.at[k].set(clamped.sag[k]), level.at[k].set(clamped.horizontal[k])
+            ends = ends.at[k].set(clamped.tensions[k])
+            continue
         at, chain = np.array(spans), [own.spans[spans[0]][0], *(own.spans[k][1] for k in spans)]
         total = jnp.sum(clamped.rest_length[at])
         cable = SlidingCatenaries(

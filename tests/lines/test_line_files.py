@@ -84,7 +84,13 @@ def test_a_line_goes_to_json_and_back(folder):
         ("states", "20 15", "-20", "states.csv: line 3: ice = -0.02"),
         ("states", "hot", "heavy", "line 4: state 'heavy' occurs twice"),
         ("states", "final", "last", "line 4: condition"),
-        ("ground", "elevation_m", "z", "elevation_m"),
+        (
+            "ground",
+            "elevation_m",
+            "z",
+            r"^[^:]*ground.csv: line 1: column .elevation_m. is",
+        ),
+        ("crossings", "road,460", "rail,460", r"crossings.csv: crossing 'road': has one point"),
         ("ground", "280", "150", r"ground.csv: line 4: station_m = 150: must be more"),
     ],
 )
@@ -133,6 +139,8 @@ def test_a_line_needs_a_conductor_and_a_stringing(folder):
         load(folder, conductor_name=None)
     with pytest.raises(FileError, match="stringing"):
         load(folder, stringing=None)
+    with pytest.raises(ValueError, match=r"stringing.*tension"):
+        load(folder, stringing={"tension": 2e4})
 
 
 @pytest.mark.slow
@@ -177,3 +185,38 @@ def test_conductors_have_plausible_curves():
         jc.catalogue.Layer([1.0], 1.0, 1e-5)
     with pytest.raises(ValueError, match="layers"):
         jc.catalogue.Conductor((), 1.0, 1.0, 1.0, 1.0)
+
+
+def test_a_report_says_how_the_line_is_strung_and_what_is_not_known():
+    section = jc.lines.LineSection(
+        *(jc.catalogue.conductor("Hawk"), [0.0, 300.0, 600.0], [0.0] * 3, [22.0] * 3, "post"),
+        profile=[[0.0, 0.0], [350.0, 1.0]],
+    )
+    states = {"hot": jc.lines.LineState(75.0, condition="final")}
+    line = jc.lines.Line(section, {"parameter": 1400.0}, states, ("hot",), None, (15.0,))
+    text = "\n".join(jc.lines.study_line(line).report().summary)
+    for part in (
+        "strung with catenary parameter 1400 m at 15 degC",
+        "weight 9.57 N/m, EA 21.64 MN, diameter 21.80 mm, rated strength 84.9 kN",
+        "ground is known from 0 to 350 m only: clearances leave out all or part of spans 2-3",
+        "is elastic, without permanent stretch: the final states hot are as initial ones",
+    ):
+        assert part in text
+    with pytest.raises(ValueError, match=r"states\['hot'\]: is final, but no state stretches"):
+        jc.lines.study_line(line._replace(loads=()))
+
+
+def test_overloads_are_warned_of():
+    drake = jc.catalogue.conductor("Drake")
+    section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [22.0, 22.0], "post")
+    with pytest.warns(jc.InputWarning, match=r"ice = 20: more than 0\.3 m"):
+        jc.lines.LineState(-5.0, ice=20.0)
+    states = {"calm": jc.lines.LineState(), "ice": jc.lines.LineState(-5.0, ice=0.12)}
+    line = jc.lines.Line(section, {"parameter": 1500.0}, states, temperatures=(15.0,))
+    with pytest.warns(jc.InputWarning) as seen:
+        study = jc.lines.study_line(line)
+    assert study.status == 0
+    texts = sorted(str(one.message) for one in seen)
+    assert len(texts) == 2 and "calm" not in "".join(texts)
+    assert texts[0].startswith("strain beyond the curves of Drake in the states 'ice'")
+    assert texts[1].startswith("tension above the rated strength in the states 'ice' (")
