@@ -17,7 +17,7 @@ def make(
     *,
     axial=1e6,
     nodes=NODES,
-    fixed=(0, 2),
+    free_in_y=False,
     law=None,
     pretension=5e3,
     increments=1,
@@ -35,7 +35,8 @@ def make(
         cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=axial)
     else:
         cables = jc.Cables([[0, 1], [1, 2]], law=law, area=1e-4)
-    structure = jc.Structure(nodes, cables, supports=jc.pinned(list(fixed)))
+    held = jc.pinned([0]) + (jc.restrained([2], "xz") if free_in_y else jc.pinned([2]))
+    structure = jc.Structure(nodes, cables, supports=held)
     noise = jax.random.normal(jax.random.key(key))
 
     def function(force):
@@ -63,7 +64,7 @@ def law(stress):
 OTHER_MODELS = {
     "stiffness": {"axial": 1.0000001e6},
     "nodes": {"nodes": [*NODES[:2], [8.0, 0, 1e-9]]},
-    "supports": {"fixed": (0, 1, 2)},
+    "supports": {"free_in_y": True},
     "law": {"law": law(1e8)},
     "pretension": {"pretension": 5.001e3},
     "increments": {"increments": 2},
