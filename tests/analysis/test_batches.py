@@ -92,7 +92,7 @@ def test_the_same_program_serves_all_calls():
     known, exponent = batches._map_cases.known, 2
     known.clear()
     for count in (1, 1, 2):
-        cases = jnp.arange(3.0 + count)
+        cases = jnp.arange(100.0 * count)  # over up to 16 cores
         np.testing.assert_array_equal(jc.batched(power)(cases), cases**2)
         assert len(known) == count
     for many in (jnp.arange(4.0), jnp.arange(7.0)):  # chunks of two cases

@@ -124,11 +124,11 @@ def test_a_pretension_of_two_components():
     for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
         with pytest.raises(ValueError, match=r"pretension.*: expected one number, or shape \(9, 2\)"):
             stretched({"one": wrong})
-    with pytest.raises(ValueError, match=r"the columns of \[n_elem, 2\]: warp, weft"):
+    with pytest.raises(ValueError, match=r"the columns warp, weft"):
         stretched({"one": {"warp": 300.0, "weft": 120.0}})
     cable = jc.Cables([[0, 1]], axial_stiffness=ET)
     structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
-    with pytest.raises(ValueError, match="pretension: expected one number"):
+    with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
         jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
 
 
