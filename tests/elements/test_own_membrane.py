@@ -122,9 +122,9 @@ def test_a_pretension_of_two_components():
 
     assert_allclose(jax.grad(warp)(1.0), 300.0, rtol=1e-12)
     for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
-        with pytest.raises(ValueError, match=r"pretension.*: expected one number, or shape \(9, 2\)"):
+        with pytest.raises(ValueError, match=r"pretension.*one number, or shape \(9, 2\)"):
             stretched({"one": wrong})
-    with pytest.raises(ValueError, match=r"the columns warp, weft"):
+    with pytest.raises(ValueError, match="the columns warp, weft"):
         stretched({"one": {"warp": 300.0, "weft": 120.0}})
     cable = jc.Cables([[0, 1]], axial_stiffness=ET)
     structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
