@@ -187,6 +187,7 @@ def warn_of_energy_error(
     kinetic, stored, work, error = (np.asarray(getattr(energy, name)) for name in names)
     if any(group.has_memory for group in structure.groups):
         error = np.maximum(error, 0.0)
+    # NaN are steps that failed, which the status says
     parts = np.nan_to_num(np.abs([kinetic, stored - stored[0], work]))
     largest = np.maximum.accumulate(parts.max(axis=0))
     precision = 100 * np.finfo(error.dtype).eps

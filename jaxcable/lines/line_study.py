@@ -172,6 +172,7 @@ def study_line(line: Line) -> LineStudy:
 def _warn_of_overloads(section, states, results):
     """Warn of states whose tension is above the strength or whose strain is beyond the curves."""
     one = section.conductor
+    # NaN are states that failed, which the status says; infinite: the strength is not known, zero
     most = np.nan_to_num(np.asarray(results.utilization), posinf=0.0).max(axis=1)
     over = [f"{name!r} ({x:.0%})" for name, x in zip(results.names, most, strict=True) if x > 1]
     if over:

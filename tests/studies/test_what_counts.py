@@ -17,6 +17,7 @@ def make(
     *,
     axial=1e6,
     nodes=NODES,
+    fixed=(0, 2),
     free_in_y=False,
     law=None,
     pretension=5e3,
@@ -35,7 +36,9 @@ def make(
         cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=axial)
     else:
         cables = jc.Cables([[0, 1], [1, 2]], law=law, area=1e-4)
-    held = jc.pinned([0]) + (jc.restrained([2], "xz") if free_in_y else jc.pinned([2]))
+    held = jc.pinned(list(fixed))
+    if free_in_y:
+        held = jc.pinned([0]) + jc.restrained([2], "xz")
     structure = jc.Structure(nodes, cables, supports=held)
     noise = jax.random.normal(jax.random.key(key))
 
