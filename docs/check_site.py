@@ -37,7 +37,7 @@ WIDER = "() => document.documentElement.scrollWidth - window.innerWidth"
 SEARCHES = {
     "pretension": "First steps",
     "slack": "Slack cables",
-    "NaturalModes": "Motion",
+    "NaturalModes": "Natural modes and gusts",
 }  # a word, and what is found by it
 
 
