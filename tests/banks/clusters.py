@@ -200,6 +200,7 @@ def other_module(folder):
     import own_law
 
     with cluster() as client:
+        client.run(importlib.import_module, "own_law")  # on all: one alone may compute every chunk
         jc.study(own_law.function, np.arange(40.0), folder / "a", client, chunk=10)
         place.write_text(text.replace("1.0", "22.0"), encoding="utf-8")
         importlib.reload(own_law)
