@@ -12,6 +12,7 @@ from ..common.units import SI, UnitsLike, as_units
 from ..design.checks import Checks
 from ..design.combinations import Combinations
 from ..dynamics.modes import NaturalModes
+from ..dynamics.response import Transient
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -33,6 +34,7 @@ from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
 from .mode_table import mode_table
 from .model_tables import model_tables
+from .motion_tables import motion_tables
 from .phase_tables import phase_tables
 from .reactions import (
     equilibrium_table,
@@ -71,6 +73,7 @@ def report(
     combinations: Combinations | None = None,
     checks: Checks | None = None,
     modes: NaturalModes | None = None,
+    motion: Transient | None = None,
     model: bool = False,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
@@ -107,6 +110,8 @@ def report(
             and a table of them.
         checks: the `design.Checks` of the cases: the table ``checks``, and one for each of them.
         modes: result of `dynamics.modes` about the final state: the table ``modes``.
+        motion: result of `dynamics.transient`: the tables ``motion_forces`` and
+            ``motion_displacements`` of its extremes.
         model: whether there are tables of what was analysed: ``geometry`` with supports,
             ``properties`` of elements, and, if they are given, ``phases``.
 
@@ -195,6 +200,8 @@ def report(
         summary, tables = _add_combinations(summary, tables, combinations, of, failed)
     if modes is not None:
         tables["modes"] = mode_table(modes)
+    if motion is not None:
+        tables |= motion_tables(structure, motion)
     if model:
         tables = {**model_tables(structure, listed, labels, shown), **tables}
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)

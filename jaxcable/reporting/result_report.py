@@ -89,6 +89,8 @@ class Report:
             - ``forces_by_phase``, ``reactions_by_phase``: at the ends of three phases or more, and
               ``displacements_by_phase`` where ``displacements`` is on cases;
             - ``modes``: frequencies, periods and effective masses, if they are given;
+            - ``motion_forces``, ``motion_displacements``: extremes of a motion in time, from its
+              start, and when they occur, if it is given;
             - ``energy`` if it was asked for.
 
         units: the `Units` of all tables and sentences that were asked for; None for SI units.
