@@ -20,7 +20,7 @@ from .damping import warn_of_large_ratios
 from .inertia import make_massive_system, split_for_modes
 from .load_histories import loaded_nodes
 from .modes import NaturalModes
-from .turbulence import Turbulence
+from .turbulence import Turbulence, inverse_velocity
 
 _EULER = 0.5772156649015329
 # Frequencies of the integrals: a geometric series over the slow waves of the wind and all modes,
@@ -193,7 +193,7 @@ def _modal_covariances(turbulence, points, mean_forces, shape, squared, modal_ma
         squared, modal_mass, damping: of the modes, [n].
     """
     mean, distances = turbulence.velocity_at(points), turbulence.decay_distances(points)
-    push = 2 * jnp.einsum("nac,ac->na", shape, mean_forces) / mean[None]
+    push = 2 * jnp.einsum("nac,ac->na", shape, mean_forces) * inverse_velocity(mean)[None]
     own = jnp.sqrt(jnp.where(squared > 0, squared, jnp.nan))
     frequency = _frequencies(own / (2 * jnp.pi), damping)
     step = jnp.diff(frequency)

@@ -14,7 +14,7 @@ from ..common.rules import are_rules_kept
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..linear import unbatched
 from ..programs.program_calls import as_program
-from .turbulence import Turbulence
+from .turbulence import Turbulence, inverse_velocity
 
 _CHUNK = 256  # times at once: waves of all frequencies at these times are a table in memory
 # Share of the spectral density on the diagonal that is added to coherences, which are nearly 1 in
@@ -97,8 +97,10 @@ def _wind_velocities(turbulence, points, phases, dt, steps):
         """Return cosine and sine amplitudes of a wave at all points, [2, n]."""
         frequency, phase = wave
         spectrum = turbulence.cross_spectrum(frequency, mean, distances)
-        spectrum = spectrum + floor * jnp.diagonal(spectrum)[:, None]
-        root = unbatched.cholesky(spectrum) * jnp.sqrt(2 * rise)
+        own = jnp.diagonal(spectrum)
+        spectrum = spectrum + floor * jnp.where(own > 0, own, 1.0)[:, None]
+        blown = (own > 0)[:, None]  # not where the mean wind is zero
+        root = jnp.where(blown, unbatched.cholesky(spectrum), 0.0) * jnp.sqrt(2 * rise)
         return jnp.stack([root @ jnp.cos(phase), -root @ jnp.sin(phase)])
 
     waves = lax.map(amplitudes, (number * rise, phases))
@@ -129,6 +131,7 @@ def wind_forces(
 
     The wind at each loaded node is that of `wind_velocities`, u beside the mean V, and forces are
     quasi-steady: the mean force times ``2 u / V``, or ``2 u / V + (u / V)^2`` if `quadratic`.
+    There are no gusts where the mean wind is zero, such as on the ground.
 
     Args:
         turbulence: `Turbulence`.
@@ -160,7 +163,7 @@ def wind_forces(
     own = jnp.asarray(mean_forces)[loaded]
     options = {"dt": dt, "steps": steps, "key": key}
     velocity = wind_velocities(turbulence, positions[loaded], **options)
-    ratio = velocity / turbulence.velocity_at(positions[loaded])[None]
+    ratio = velocity * inverse_velocity(turbulence.velocity_at(positions[loaded]))[None]
     ratio = 2 * ratio + ratio**2 if quadratic else 2 * ratio
     whole = jnp.zeros((len(ratio), len(positions), 3), ratio.dtype)
     return whole.at[:, loaded].set(ratio[..., None] * own[None])

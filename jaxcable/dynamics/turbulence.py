@@ -114,21 +114,23 @@ class Turbulence:
         """Return the one-sided spectral density of the velocity, m2/s, at frequencies, Hz.
 
         Its integral over all positive frequencies is the square of the deviation. `velocity` is the
-        mean at the points, m/s, in a shape that goes with that of `frequency`.
+        mean at the points, m/s, in a shape that goes with that of `frequency`. Where it is zero,
+        such as on the ground, the density is zero.
         """
         frequency, velocity = jnp.broadcast_arrays(frequency, velocity)
         if self.spectrum == "Davenport":
             x = frequency * _DAVENPORT_LENGTH / self._velocity(jnp.asarray(_REFERENCE_HEIGHT))
             share = 2 / 3 * x**2 / (1 + x**2) ** (4 / 3)
         else:
-            x = frequency * self.length_scale / velocity
+            x = frequency * self.length_scale * inverse_velocity(velocity)
             kaimal = self.spectrum == "Kaimal"
             share = (
                 6.8 * x / (1 + 10.2 * x) ** (5 / 3)
                 if kaimal
                 else 4 * x / (1 + 70.8 * x**2) ** (5 / 6)
             )
-        return jnp.asarray(self.deviation) ** 2 * share / frequency
+        density = jnp.asarray(self.deviation) ** 2 * share / frequency
+        return jnp.where(velocity > 0, density, 0.0)
 
     def decay_distances(self, points: Float[ArrayLike, "n 3"]) -> Float[Array, "n n"]:
         """Return the distances r of points in the coherence ``exp(-f r / V)``, [n, n], m."""
@@ -150,9 +152,10 @@ class Turbulence:
             velocity: mean velocity at the points, m/s.
             distances: as from `decay_distances`.
         """
-        mean = 0.5 * (velocity[:, None] + velocity[None])
-        root = jnp.sqrt(self.density(frequency, velocity))
-        return root[:, None] * root[None] * jnp.exp(-frequency * distances / mean)
+        slowness = inverse_velocity(0.5 * (velocity[:, None] + velocity[None]))
+        density = self.density(frequency, velocity)
+        root = jnp.where(density > 0, jnp.sqrt(jnp.where(density > 0, density, 1.0)), 0.0)
+        return root[:, None] * root[None] * jnp.exp(-frequency * distances * slowness)
 
     def _velocity(self, height):
         """Return the mean velocity at heights above ground, m/s, in their shape."""
@@ -167,3 +170,9 @@ class Turbulence:
         wind, up = jnp.asarray(self.direction), jnp.asarray(self.vertical)
         wind, up = wind / jnp.sqrt(jnp.sum(wind**2)), up / jnp.sqrt(jnp.sum(up**2))
         return wind, cross(up, wind), up
+
+
+def inverse_velocity(velocity: Float[Array, ...]) -> Float[Array, ...]:
+    """Return one over velocities, s/m, or 0 where there is no wind."""
+    blown = velocity > 0
+    return jnp.where(blown, 1.0 / jnp.where(blown, velocity, 1.0), 0.0)

@@ -141,6 +141,41 @@ def test_resonance_and_slow_waves_of_one_mode():
         assert gust.tension["clamp"] is None and float(gust.tension["pole"][0]) < 1.0
 
 
+def test_there_are_no_gusts_on_the_ground():
+    """A mean force at the foot, where the wind is zero, changes nothing; derivatives are finite."""
+    _, solution, _, mean = mast()
+    places = np.asarray(solution.positions).copy()
+    places[0, 2] = 0.0
+    power = Turbulence(jc.WindPowerLaw(velocity=20.0, exponent=0.16), DEVIATION, SCALE)
+    at_foot = mean.copy()
+    at_foot[0, 0] = 50.0
+    options = {"dt": 0.5, "steps": 100, "key": jax.random.key(3)}
+    forces = wind_forces(power, places, at_foot, **options)
+    assert not np.asarray(forces[:, 0]).any() and np.isfinite(forces).all()
+    assert np.asarray(forces[:, 2]).std() > 1.0
+    nodes, links = pieces(4, 20.0, (0.0, 0.0, 1.0))
+    stay = jc.Cables(links, axial_stiffness=2e5, weight=10.0)
+    upright = jc.Structure(nodes, stay, jc.pinned([0, 4]))
+    taut = converged(jc.solve(upright, jc.Phase(pretension=3000.0)))
+    swinging = converged(modes(upright, taut, 6, masses=30.0))
+    gusts = [
+        gust_response(upright, taut, swinging, force, power, damping=0.02)
+        for force in (mean, at_foot)
+    ]
+    assert float(gusts[0].displacement[2, 0]) > 1e-3
+    np.testing.assert_array_equal(gusts[0].displacement, gusts[1].displacement)
+
+    def deviation(velocity):
+        profile = jc.WindPowerLaw(velocity=velocity, exponent=0.16)
+        own = Turbulence(profile, DEVIATION, SCALE)
+        gust = gust_response(upright, taut, swinging, at_foot, own, damping=0.02)
+        return gust.displacement[2, 0]
+
+    slope = float(jax.grad(deviation)(20.0))
+    difference = (float(deviation(20.01)) - float(deviation(19.99))) / 0.02
+    assert slope == pytest.approx(difference, rel=1e-5)  # the difference's own error is 1e-7
+
+
 def test_gradient_of_a_peak():
     """By the deviation of the wind, the damping and the added masses."""
     structure, solution, _, mean = mast()
