@@ -24,7 +24,7 @@ Without tension nothing slips: what a cable that has gone slack remembers is whe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -33,8 +33,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common import checks
 from ..common.rules import Rule
-from ..common.types import Array, Bool, Float, PyTree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..materials.law import Law
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .cable import TensionOnly
 from .slip_search import CLAMPED, Jack, SegmentsThatSlip, tensions_and_signs
@@ -128,6 +130,13 @@ class FrictionCoefficients(NamedTuple):
     axle_friction: Float[Array, " n_deviator"] | None
     wobble: Float[Array, ""] | None
 
+    def rules(self) -> list[Rule]:
+        """Return the conditions on the coefficients, a list; here they are those of all cables."""
+        text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
+        axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
+        pairs = ("friction", self.friction), ("wobble", self.wobble)
+        return [axle, *(Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs)]
+
     def bound(
         self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
     ) -> Float[Array, " n_deviator"]:
@@ -146,9 +155,37 @@ class FrictionCoefficients(NamedTuple):
         return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
 
+def floats_per_deviator(
+    value: ArrayLike, name: str, shape: tuple[int, int]
+) -> Float[ArrayLike, "n_elem n_deviator ..."]:
+    """Return a field with a number for each deviator of each cable, or a vector, the axis.
+
+    `shape` is (n_elem, n_deviator). ValueError for values of another shape.
+    """
+    if name == "axis":
+        hint = "; one vector, or one for each node between the ends of each cable"
+        values = checks.floats_of_shape(value, name, (3,), (*shape, 3), hint=hint)
+        return checks.numpy_or_jax(values).broadcast_to(values, (*shape, 3))
+    hint = "; one number, one for each cable, or one for each node between its ends"
+    values = checks.floats_of_shape(value, name, (), shape[:1], shape, hint=hint)
+    values = values[:, None] if values.ndim == 1 else values
+    return checks.numpy_or_jax(values).broadcast_to(values, shape)
+
+
 def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
     """Return the rule that a clamp is open or closed."""
     return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
+
+
+def softening_rules(laws: Sequence[Law]) -> list[Rule]:
+    """Return the rules that the stresses of `laws` do not fall, a list."""
+    text = "softens; a cable with friction needs a law whose stress does not fall"
+    stresses = (law.softening_stresses() for law in laws)
+    return [
+        Rule("law", stress, lambda s: (s[..., 1:] < s[..., :-1]).any(), text)
+        for stress in stresses
+        if stress is not None
+    ]
 
 
 def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:

@@ -16,6 +16,14 @@ FRICTION_USED = Result("friction_used", "-")
 where the cable slips towards the next segment, -1 where it slips back, beyond at a clamp."""
 CLAMP_FORCE = Result("clamp_force", "N")
 """Difference of the tensions at every clamp, that of the next segment less that before; else 0."""
+CONTACT_ARC = Result("contact_arc", "m")
+"""Length of a cable on every saddle that has a radius; negative where it would lift off."""
+CONTACT_PRESSURE = Result("contact_pressure", "N/m")
+"""Force per length of a cable on every saddle, the larger of the tensions over the radius."""
+CONTACT_RESULTS = CONTACT_ARC, CONTACT_PRESSURE
+"""Results of saddles with a radius."""
+DEVIATOR_RESULTS = SLIP, FRICTION_USED, CLAMP_FORCE, *CONTACT_RESULTS
+"""Results that have a number for every deviator."""
 
 
 @pytree
