@@ -27,11 +27,14 @@ from .friction import (
     StraightSegments,
     at_slip_limit,
     elongations_and_rates,
+    fed_at_ends,
     floats_per_deviator,
+    last_segment,
     open_or_closed,
     segment_tensions,
     slips,
     softening_rules,
+    stressed_or_not,
 )
 from .friction_state import CONTACT_RESULTS, DEVIATOR_RESULTS, SEGMENT_TENSION, FrictionState
 from .phase_input import InputValues, PhaseInput
@@ -52,9 +55,10 @@ class FrictionCables(DeviatorResults, SlidingCables):
 
     A phase clamps a cable to deviators by ``Phase(clamped={"rope": values})`` with 1 (clamped) or
     0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack pulls at the
-    first end, and a shortening is taken out there, so that losses build up along the cable; a
-    negative shortening after lock-off is the draw-in of an anchor. Other changes of length are
-    those of all segments alike: without slip the cable has one tension.
+    first end, and a shortening is taken out there, so that losses build up along the cable, or at
+    those ends that ``Phase(stressed_ends={"rope": [[0, 1]]})`` names (the first one, the last one,
+    or both, which share a shortening), until it is stated anew; a negative shortening after
+    lock-off is the draw-in of an anchor. Other changes of length are those of all segments alike.
 
     `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
     has passed each deviator, `friction_used` how far the friction there is used, `clamp_force` what
@@ -113,6 +117,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
     phase_inputs = (
         *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
         PhaseInput("clamped", "-", ramped=False, rules=(open_or_closed,)),
+        PhaseInput("stressed_ends", "-", ramped=False, rules=(stressed_or_not,)),
     )
     per_element = (  # type: ignore[assignment]  # five more
         *SlidingCables.per_element,
@@ -161,9 +166,10 @@ class FrictionCables(DeviatorResults, SlidingCables):
 
     @property
     def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
-        """Numbers of the deviators, each of which can be clamped."""
+        """Deviators, each of which can be clamped, and ends, each of which can be stressed."""
         count = index_array(self.links).shape[1] - 2
-        return {"clamped": tuple(f"deviator {k}" for k in range(count))}
+        clamped = tuple(f"deviator {k}" for k in range(count))
+        return {"clamped": clamped, "stressed_ends": ("first end", "last end")}
 
     def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension can be an unknown of the equations: there are several."""
@@ -183,7 +189,8 @@ class FrictionCables(DeviatorResults, SlidingCables):
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        fields["fed_length"] = jnp.zeros_like(state.rest_length)
+        fed = jnp.zeros((len(self.links), 2), zero.dtype)
+        fields |= {"fed_length": fed, "stressed_ends": fed.at[:, 0].set(1.0)}
         return FrictionState(**fields, clamped=zero, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
@@ -209,14 +216,16 @@ class FrictionCables(DeviatorResults, SlidingCables):
         inputs: Mapping[str, InputValues],
     ) -> FrictionState:
         """Return the state after the inputs of a phase; see the class for shortenings."""
-        known = {name: stated for name, stated in inputs.items() if name != "clamped"}
+        own = [name for name in ("clamped", "stressed_ends") if name in inputs]
+        known = {name: stated for name, stated in inputs.items() if name not in own}
         stretch = state.heat_factor  # a temperature is applied after a shortening
         state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
-        if "clamped" in inputs:
-            stated = inputs["clamped"]
-            state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
+        for name in own:
+            values = inputs[name].select(inputs[name].values, getattr(state, name))
+            state = copy_with(state, **{name: values})
         if "shortening" in inputs:
-            fed = inputs["shortening"].values / stretch
+            share = state.stressed_ends / jnp.sum(state.stressed_ends, axis=1, keepdims=True)
+            fed = share * (inputs["shortening"].values / stretch)[:, None]
             state = copy_with(state, fed_length=state.fed_length - fed)
         return state
 
@@ -266,21 +275,15 @@ class FrictionCables(DeviatorResults, SlidingCables):
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         gained = jnp.where(found.tension > 0, found.gained, segments.stuck_elongation)
-        fed = jnp.where(self._jack(state)[1], gained[0] + jnp.sum(slips(found)[:1]), 0.0)
+        fed = fed_at_ends(found, gained, state.jack.at_first)
         return copy_with(
             state,
-            rest_length=state.rest_length + fed,
-            elongation=state.elongation - fed,
+            rest_length=state.rest_length + jnp.sum(fed),
+            elongation=state.elongation - jnp.sum(fed),
             fed_length=state.fed_length + fed / state.heat_factor,
             jack_force=None,
             jacked=None,
         )
-
-    def _jack(self, state):
-        """Return the force of a jack at the first end of one cable, N, and whether there is one."""
-        if state.jack_force is None:
-            return None
-        return state.jack_force, True if state.jacked is None else state.jacked
 
     # --- one cable
 
@@ -304,7 +307,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         elongation = self.stuck_elongations(state, path)
         bound = self.coefficients().bound(path.angle, path.length)
         clamped = self.closed_clamps(state, path.length)
-        jack = self._jack(state)
+        jack = state.jack
         segments = StraightSegments(self, path.length, elongation, bound, clamped, jack)
         return segments, segment_tensions(segments)
 
@@ -314,9 +317,9 @@ class FrictionCables(DeviatorResults, SlidingCables):
         slip = jnp.pad(state.memory * state.heat_factor, 1)
         moved = jnp.diff(jnp.pad(state.initial_slip, 1))
         fed = state.fed_length * state.heat_factor
-        elongation = (before - moved) / jnp.sum(before) * (state.elongation + fed)
+        elongation = (before - moved) / jnp.sum(before) * (state.elongation + jnp.sum(fed))
         elongation = elongation + change + moved + slip[1:] - slip[:-1]
-        return elongation.at[0].add(-fed)
+        return elongation.at[0].add(-fed[0]) - jnp.where(last_segment(before), fed[1], 0.0)
 
     def closed_clamps(
         self, state: OwnState, length: Float[Array, " n"]

@@ -127,7 +127,7 @@ class SlidingCatenaries(FrictionCables):
             load,
             jnp.asarray(self.stiffness_with_spring, length.dtype),
             self.closed_clamps(state, length),
-            self._jack(state),
+            state.jack,
         )
         return segments, *hanging_tensions(segments)
 
