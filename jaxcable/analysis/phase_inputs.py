@@ -42,7 +42,7 @@ ABSOLUTE_INPUTS = (
 """Inputs that replace the prestress of an element."""
 INCREMENTAL_INPUTS = ("shortening", "temperature")
 """Inputs that change the prestress of an element."""
-CLASS_INPUTS = ("clamped",)
+CLASS_INPUTS = ("clamped", "stressed_ends")
 """Arguments of `Phase` that only classes take which declare a `PhaseInput` of that name."""
 
 

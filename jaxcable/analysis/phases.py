@@ -122,6 +122,11 @@ class Phase:
             a clamp at the beginning of the phase, 0 opens it; what is not stated stays as it is.
             One number for all deviators, or [n_elem, n_deviator] by group (for one cable also
             [n_deviator]); the first deviator is the second node of the cable.
+        stressed_ends: at which ends of cables with friction jacks pull and shortenings are taken
+            out, without unit: 1 for an end, else 0, for the first and the last end by group,
+            [n_elem, 2] (for one cable also [2]); 1 alone: both. What is not stated stays as it is;
+            before it is stated, the first end. Both ends have the force of the jack, and half of
+            a shortening each.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
@@ -180,6 +185,7 @@ class Phase:
     clamped: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, "n_elem n_deviator"] | Only] | None = (
         None
     )
+    stressed_ends: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, "n_elem 2"] | Only] | None = None
 
     def __post_init__(self):
         for name in ("adds", "removes"):

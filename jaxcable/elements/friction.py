@@ -24,17 +24,20 @@ Without tension nothing slips: what a cable that has gone slack remembers is whe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .. import linear
+from ..common import checks
 from ..common.rules import Rule
-from ..common.types import Array, Bool, Float, PyTree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..materials.law import Law
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .cable import TensionOnly
 from .slip_search import CLAMPED, Jack, SegmentsThatSlip, tensions_and_signs
@@ -54,8 +57,7 @@ class StraightSegments(NamedTuple):
         bound: largest logarithm of the ratio of successive tensions, [n - 1]; zero beside segments
             that only fill up.
         clamped: whether the cable is clamped to a deviator, [n - 1].
-        jack: tension of the first segment, N, which then takes any unstressed length, and whether
-            there is a jack that prescribes it; None: there is none.
+        jack: None: there is none at an end.
     """
 
     cable: TensionOnly
@@ -79,6 +81,8 @@ class SegmentTensions(NamedTuple):
             allows, [n - 1]; a clamp allows any.
         gained: unstressed length that each segment has more than before the increment, [n], m; zero
             without tension.
+        jacked_last: the last segment, as a mask, if a jack at its end takes length out or in, [n]
+            bool; None: there is none at an end.
     """
 
     tension: Float[Array, " n"]
@@ -86,6 +90,7 @@ class SegmentTensions(NamedTuple):
     sign: Float[Array, " n_deviator"]
     bound: Float[Array, " n_deviator"]
     gained: Float[Array, " n"]
+    jacked_last: Bool[Array, " n"] | None = None
 
     def at_deviators(self) -> tuple[Float[Array, " n_deviator"], Float[Array, " n_deviator"]]:
         """Return the tensions before and after every deviator, each [n - 1], N."""
@@ -128,6 +133,13 @@ class FrictionCoefficients(NamedTuple):
     axle_friction: Float[Array, " n_deviator"] | None
     wobble: Float[Array, ""] | None
 
+    def rules(self) -> list[Rule]:
+        """Return the conditions on the coefficients, a list; here they are those of all cables."""
+        text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
+        axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
+        pairs = ("friction", self.friction), ("wobble", self.wobble)
+        return [axle, *(Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs)]
+
     def bound(
         self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
     ) -> Float[Array, " n_deviator"]:
@@ -146,9 +158,46 @@ class FrictionCoefficients(NamedTuple):
         return jnp.where((length[1:] <= 0) | (length[:-1] <= 0), 0.0, bound)
 
 
+def floats_per_deviator(
+    value: ArrayLike, name: str, shape: tuple[int, int]
+) -> Float[ArrayLike, "n_elem n_deviator ..."]:
+    """Return a field with a number for each deviator of each cable, or a vector, the axis.
+
+    `shape` is (n_elem, n_deviator). ValueError for values of another shape.
+    """
+    if name == "axis":
+        hint = "; one vector, or one for each node between the ends of each cable"
+        values = checks.floats_of_shape(value, name, (3,), (*shape, 3), hint=hint)
+        return checks.numpy_or_jax(values).broadcast_to(values, (*shape, 3))
+    hint = "; one number, one for each cable, or one for each node between its ends"
+    values = checks.floats_of_shape(value, name, (), shape[:1], shape, hint=hint)
+    values = values[:, None] if values.ndim == 1 else values
+    return checks.numpy_or_jax(values).broadcast_to(values, shape)
+
+
 def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
     """Return the rule that a clamp is open or closed."""
     return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
+
+
+def stressed_or_not(name: str, values: Float[ArrayLike, "n_elem 2"]) -> Rule:
+    """Return the rule that an end is stressed or not, and one of both is."""
+
+    def broken(v):
+        return ((v != 0) & (v != 1)).any(axis=-1) | ~(v != 0).any(axis=-1)
+
+    return Rule(name, values, broken, "an end is stressed, 1, or not, 0; at least one is")
+
+
+def softening_rules(laws: Sequence[Law]) -> list[Rule]:
+    """Return the rules that the stresses of `laws` do not fall, a list."""
+    text = "softens; a cable with friction needs a law whose stress does not fall"
+    stresses = (law.softening_stresses() for law in laws)
+    return [
+        Rule("law", stress, lambda s: (s[..., 1:] < s[..., :-1]).any(), text)
+        for stress in stresses
+        if stress is not None
+    ]
 
 
 def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:
@@ -157,7 +206,34 @@ def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:
     It is unstressed length, positive towards the next segment; zero where the cable sticks, and
     where it has no tension.
     """
-    return (jnp.triu(connected_by_slips(found.sign), 1) @ found.gained)[:-1]
+    connected = connected_by_slips(found.sign)
+    later = (jnp.triu(connected, 1) @ found.gained)[:-1]
+    if found.jacked_last is None:
+        return later
+    # what segments before have lost has gone over the deviator, also where a jack takes it out
+    behind = jnp.cumsum(found.jacked_last)[:-1] == 0
+    to_jack = behind & (found.sign != 0) & ((connected @ found.jacked_last)[:-1] > 0)
+    return jnp.where(to_jack, -(jnp.tril(connected) @ found.gained)[:-1], later)
+
+
+def fed_at_ends(
+    found: SegmentTensions, gained: Float[Array, " n"], at_first: Bool[ArrayLike, ""]
+) -> Float[Array, " 2"]:
+    """Return the unstressed length that has come in at the first and the last end, [2], m.
+
+    `gained` is that of the segments, also of slack ones; `at_first` says whether there is a jack.
+    """
+    slip = slips(found)
+    first = jnp.where(at_first, gained[0] + jnp.sum(slip[:1]), 0.0)
+    last = jnp.zeros_like(first)
+    if found.jacked_last is not None:
+        last = jnp.sum(jnp.where(found.jacked_last, gained - jnp.pad(slip, (1, 0)), 0.0))
+    return jnp.stack([first, last])
+
+
+def last_segment(length: Float[Array, " n"]) -> Bool[Array, " n"]:
+    """Return which segment of lengths [n], m, is the last one that is no filler, a mask."""
+    return (length > 0) & ~jnp.pad(length[1:] > 0, (0, 1))
 
 
 def at_slip_limit(found: SegmentTensions, length: Float[Array, " n"]) -> Bool[Array, " n_deviator"]:
@@ -182,21 +258,25 @@ def connected_by_slips(sign: Float[Array, " n_deviator"]) -> Float[Array, "n n"]
 
 
 def mismatches(
-    found: SegmentTensions, rate: Float[Array, " n"], jack: Jack | None
+    found: SegmentTensions,
+    rate: Float[Array, " n"],
+    jack: Jack | None,
+    last: Bool[ArrayLike, " n"],
 ) -> Float[Array, " n"]:
     """Return the mismatches of the equations of the tensions, one for each segment, [n], N.
 
     Where the cable slips after a segment, the next tension differs by the largest ratio. Otherwise
     the segments up to this one that are connected by slips keep their unstressed length together,
-    or with a jack the first tension is that of the jack. `rate` has the derivatives of elongations
-    by tensions, m/N.
+    or with a jack the first tension is that of the jack, and so is that of the segment `last`, a
+    mask. `rate` has the derivatives of elongations by tensions, m/N.
     """
     earlier = jnp.tril(connected_by_slips(found.sign))
     balance = earlier @ found.gained / (earlier @ lax.stop_gradient(rate))
     if jack is not None:
-        force, jacked = jack
-        first = found.tension[0] if found.drop is None else found.tension[0] + found.drop[0]
-        balance = jnp.where(jacked & (earlier[:, 0] > 0), first - force, balance)
+        drop = 0.0 if found.drop is None else found.drop
+        at_start, at_end = found.tension + drop - jack.force, found.tension - drop - jack.force
+        balance = jnp.where(jack.at_first & (earlier[:, 0] > 0), at_start[0], balance)
+        balance = jnp.where(jack.at_last & last, at_end, balance)
     before, after = found.at_deviators()
     ratio = after - before * jnp.exp(found.sign * jnp.minimum(found.bound, CLAMPED))
     held = jnp.where(found.sign == 0, balance[:-1], ratio)
@@ -204,15 +284,19 @@ def mismatches(
 
 
 def are_balanced(
-    found: SegmentTensions, rate: Float[Array, " n"], length: Float[Array, " n"], jack: Jack | None
+    found: SegmentTensions,
+    rate: Float[Array, " n"],
+    length: Float[Array, " n"],
+    jack: Jack | None,
+    last: Bool[ArrayLike, " n"],
 ) -> Bool[Array, ""]:
     """Return whether tensions fulfil their equations up to rounding: the search ends there or not.
 
-    `rate` is that of `mismatches`; `length` is the present one of each segment, [n], m.
+    `rate` and `last` are those of `mismatches`; `length` is the present one of each segment, m.
     """
     rounding = _SEARCH_ROUNDINGS * jnp.finfo(length.dtype).eps
     allowed = rounding * (found.tension + jnp.sum(length) / rate)
-    off = jnp.abs(mismatches(found, rate, jack)) > allowed
+    off = jnp.abs(mismatches(found, rate, jack, last)) > allowed
     return ~jnp.any(off & (found.tension > 0))
 
 
@@ -235,7 +319,8 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
     tension, sign = _find_slips(frozen)
     rate = elongations_and_rates(frozen, tension)[1]
     at_end = _at_tensions(frozen, tension, sign)
-    is_found = are_balanced(at_end, rate, segments.length, segments.jack)
+    last = _last_equation(segments)
+    is_found = are_balanced(at_end, rate, segments.length, segments.jack, last)
     tension = jnp.where(is_found, tension, jnp.nan)
     solver = TangentSolver(solve_small, solve_small)
     tension = implicit_root(_mismatches, tension, (segments, sign), solver)
@@ -261,7 +346,13 @@ def _at_tensions(segments, tension, sign):
     """Return the `SegmentTensions` of straight segments under tensions, [n], N."""
     gained = segments.stuck_elongation - elongations_and_rates(segments, tension)[0]
     gained = jnp.where(tension > 0, gained, 0.0)
-    return SegmentTensions(tension, None, sign, segments.bound, gained)
+    out = None if segments.jack is None else last_segment(segments.length) & segments.jack.at_last
+    return SegmentTensions(tension, None, sign, segments.bound, gained, out)
+
+
+def _last_equation(segments):
+    """Return which equation is that of the last tension, a mask: fillers have the same tension."""
+    return np.arange(len(segments.length)) == len(segments.length) - 1
 
 
 def _mismatches(tension, parameters):
@@ -270,7 +361,9 @@ def _mismatches(tension, parameters):
     rate = elongations_and_rates(segments, lax.stop_gradient(tension))[1]
     found = _at_tensions(segments, tension, sign)
     slack = lax.stop_gradient(tension) <= 0
-    return jnp.where(slack, tension, mismatches(found, rate, segments.jack))
+    return jnp.where(
+        slack, tension, mismatches(found, rate, segments.jack, _last_equation(segments))
+    )
 
 
 def _find_slips(segments):

@@ -11,38 +11,39 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
-from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
 from .abilities import PHASE_INPUTS
+from .cable_path import CablePath, path_over_points, path_over_saddles, saddle_rules
+from .deviator_results import DeviatorResults
 from .element import PEAK_TENSION, SECTION_STRAIN, TENSION, Ends, Forces, Motion, Scalar
 from .element_state import OwnState
 from .friction import (
     FrictionCoefficients,
     StraightSegments,
     at_slip_limit,
-    deviation_angles,
     elongations_and_rates,
+    fed_at_ends,
+    floats_per_deviator,
+    last_segment,
     open_or_closed,
     segment_tensions,
     slips,
+    softening_rules,
+    stressed_or_not,
 )
-from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP, FrictionState
+from .friction_state import CONTACT_RESULTS, DEVIATOR_RESULTS, SEGMENT_TENSION, FrictionState
 from .phase_input import InputValues, PhaseInput
 from .prestress import AxialState
-from .sliding import (
-    SlidingCables,
-    forces_of_segments,
-    moved_segments_with_lengths,
-    segment_length_changes,
-)
+from .sliding import SlidingCables, forces_of_segments
 
 
 @pytree(indices=("links",), kw_only=True)
-class FrictionCables(SlidingCables):
+class FrictionCables(DeviatorResults, SlidingCables):
     """A group of cables that slide with Coulomb friction over their nodes; tension only.
 
     At every node between its ends, a *deviator* (saddle, pulley, duct), the tensions of a cable on
@@ -54,13 +55,19 @@ class FrictionCables(SlidingCables):
 
     A phase clamps a cable to deviators by ``Phase(clamped={"rope": values})`` with 1 (clamped) or
     0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack pulls at the
-    first end, and a shortening is taken out there, so that losses build up along the cable; a
-    negative shortening after lock-off is the draw-in of an anchor. Other changes of length are
-    those of all segments alike: without slip the cable has one tension.
+    first end, and a shortening is taken out there, so that losses build up along the cable, or at
+    those ends that ``Phase(stressed_ends={"rope": [[0, 1]]})`` names (the first one, the last one,
+    or both, which share a shortening), until it is stated anew; a negative shortening after
+    lock-off is the draw-in of an anchor. Other changes of length are those of all segments alike.
 
     `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
     has passed each deviator, `friction_used` how far the friction there is used, `clamp_force` what
-    a clamp holds. Angles are those between straight segments: deviators have no radius.
+    a clamp holds.
+
+    With a `radius` a node is the center of a circle, and tangent points move with the segments
+    (`elements.cable_path`). `contact_arc` is the length on a saddle, `contact_pressure` its force
+    per length, both negative where the cable would lift off. Each half of an arc has the tension of
+    the segment beside it. Friction on a radius gives the node no moment.
 
     Args:
         axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:
@@ -73,9 +80,13 @@ class FrictionCables(SlidingCables):
             alone lets the tensions differ by k times the force on the axle; both add up in b.
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
+        radius: of saddles and pulleys, given as `friction`, m; default 0, a point.
+        axis: about which the cable turns there by the right-hand rule, [3] or
+            [n_elem, n_deviator, 3]. Default: that about which the polygon of initial nodes turns.
 
     Raises:
-        ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history.
+        ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history;
+            a radius where the polygon of a cable is straight, or larger than half a segment.
 
     Source: Euler (1769) for the ratio of tensions.
 
@@ -97,61 +108,68 @@ class FrictionCables(SlidingCables):
     friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
     axle_friction: Float[ArrayLike, "n_elem n_deviator"] | None = None
     wobble: Float[ArrayLike, " n_elem"] | None = None
+    radius: Float[ArrayLike, "n_elem n_deviator"] | None = None
+    axis: Float[ArrayLike, "n_elem n_deviator 3"] | None = None
 
     symmetric = False
     has_memory = is_chain = True
-    results = (
-        *(TENSION, PEAK_TENSION, SECTION_STRAIN),
-        *(SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
-    )
+    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SEGMENT_TENSION, *DEVIATOR_RESULTS)
     phase_inputs = (
         *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
         PhaseInput("clamped", "-", ramped=False, rules=(open_or_closed,)),
+        PhaseInput("stressed_ends", "-", ramped=False, rules=(stressed_or_not,)),
     )
-    per_element = (  # type: ignore[assignment]  # three more
+    per_element = (  # type: ignore[assignment]  # five more
         *SlidingCables.per_element,
-        "friction",
-        "axle_friction",
-        "wobble",
+        *("friction", "axle_friction", "wobble", "radius", "axis"),
     )
 
     def __post_init__(self):
         super().__post_init__()
         if index_array(self.links).shape[1] < 3:
-            raise ValueError(
-                "links: no cable has a node between its ends; take Cables or Catenaries"
-            )
+            raise ValueError("links: no cable has a node between its ends; take Cables")
         if any(law.n_memory for law in self._laws):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
     def _floats_per_element(self, name):
         """Return a field with a value for each cable, or for each deviator of each, as floats."""
-        if name not in ("friction", "axle_friction") or getattr(self, name) is None:
+        own = ("friction", "axle_friction", "radius", "axis")
+        if name not in own or getattr(self, name) is None:
             return super()._floats_per_element(name)
-        count, width = index_array(self.links).shape
-        shapes = (), (count,), (count, width - 2)
-        hint = "; one number, one for each cable, or one for each node between its ends"
-        values = checks.floats_of_shape(getattr(self, name), name, *shapes, hint=hint)
-        pack = checks.numpy_or_jax(values)
-        values = values[:, None] if values.ndim == 1 else values
-        return pack.broadcast_to(values, (count, width - 2))
+        shape = len(self.links), index_array(self.links).shape[1] - 2
+        return floats_per_deviator(getattr(self, name), name, shape)
 
     def rules(self) -> list[Rule]:
         """Return the conditions on numbers of the group, those of friction included, a list."""
-        text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
-        axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
-        pairs = ((name, getattr(self, name)) for name in ("friction", "wobble"))
-        others = [Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs]
-        text = "softens; a cable with friction needs a law whose stress does not fall"
-        for stress in filter(lambda s: s is not None, (x.softening_stresses() for x in self._laws)):
-            others.append(Rule("law", stress, lambda s: (s[..., 1:] < s[..., :-1]).any(), text))
-        return [*super().rules(), *others, axle]
+        radius = Rule("radius", self.radius, lambda v: ~(v >= 0), "must not be negative")
+        return [
+            *super().rules(),
+            *softening_rules(self._laws),
+            *self.coefficients().rules(),
+            radius,
+        ]
+
+    def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
+        """Return the conditions on the initial nodes, m, and on saddles with a radius there."""
+        found = super().rules_at(nodes)
+        if self.radius is None:
+            return found
+        return found + saddle_rules(self.radius, self.axis, nodes, index_array(self.links))
+
+    def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
+        """Return the initial length of every cable over all of its nodes, [n_elem], m."""
+        if self.radius is None:
+            return super().chord(ends)
+        still = jnp.zeros_like(ends)
+        paths = jax.vmap(path_over_saddles)(self.radius, self.axis, ends, still)
+        return jnp.sum(paths.initial_length, axis=1)
 
     @property
     def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
-        """Numbers of the deviators, each of which can be clamped."""
+        """Deviators, each of which can be clamped, and ends, each of which can be stressed."""
         count = index_array(self.links).shape[1] - 2
-        return {"clamped": tuple(f"deviator {k}" for k in range(count))}
+        clamped = tuple(f"deviator {k}" for k in range(count))
+        return {"clamped": clamped, "stressed_ends": ("first end", "last end")}
 
     def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension can be an unknown of the equations: there are several."""
@@ -171,13 +189,16 @@ class FrictionCables(SlidingCables):
         state: Any = super().start(ends)
         fields = {name: getattr(state, name) for name in state._all_fields}
         zero = jnp.zeros((len(self.links), ends.shape[1] - 2), state.rest_length.dtype)
-        fields["fed_length"] = jnp.zeros_like(state.rest_length)
+        fed = jnp.zeros((len(self.links), 2), zero.dtype)
+        fields |= {"fed_length": fed, "stressed_ends": fed.at[:, 0].set(1.0)}
         return FrictionState(**fields, clamped=zero, initial_slip=zero)
 
     def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state of one cable activated here, all of whose segments have one strain."""
-        state = super().state_at_activation(state, ends, motion)
-        _, before, length = segment_length_changes(ends, motion)
+        path = self.path(ends, motion)
+        before, length = path.initial_length, path.length
+        sums = (jnp.sum(values) for values in (length, path.change, before))
+        state = self._state_activated_at_length(state, *sums)
         # of a cable as long as its initial chain: inputs of the phase may change its length
         slip = jnp.cumsum(before - jnp.sum(before) * (length / jnp.sum(length)))[:-1]
         return copy_with(state, initial_slip=slip, fed_length=jnp.zeros_like(state.fed_length))
@@ -195,14 +216,16 @@ class FrictionCables(SlidingCables):
         inputs: Mapping[str, InputValues],
     ) -> FrictionState:
         """Return the state after the inputs of a phase; see the class for shortenings."""
-        known = {name: stated for name, stated in inputs.items() if name != "clamped"}
+        own = [name for name in ("clamped", "stressed_ends") if name in inputs]
+        known = {name: stated for name, stated in inputs.items() if name not in own}
         stretch = state.heat_factor  # a temperature is applied after a shortening
         state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
-        if "clamped" in inputs:
-            stated = inputs["clamped"]
-            state = copy_with(state, clamped=stated.select(stated.values, state.clamped))
+        for name in own:
+            values = inputs[name].select(inputs[name].values, getattr(state, name))
+            state = copy_with(state, **{name: values})
         if "shortening" in inputs:
-            fed = inputs["shortening"].values / stretch
+            share = state.stressed_ends / jnp.sum(state.stressed_ends, axis=1, keepdims=True)
+            fed = share * (inputs["shortening"].values / stretch)[:, None]
             state = copy_with(state, fed_length=state.fed_length - fed)
         return state
 
@@ -244,29 +267,35 @@ class FrictionCables(SlidingCables):
         """Return whether elements have a result; section strain: with fibres or rupture."""
         if name == SECTION_STRAIN.name:
             return self.section is not None or self.has_rupture
+        if name in [result.name for result in CONTACT_RESULTS]:
+            return self.radius is not None
         return super().has_result(name, state)
 
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
         """Return the state after lock-off: what has come in at the first end is in the cable."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         gained = jnp.where(found.tension > 0, found.gained, segments.stuck_elongation)
-        fed = jnp.where(self._jack(state)[1], gained[0] + jnp.sum(slips(found)[:1]), 0.0)
+        fed = fed_at_ends(found, gained, state.jack.at_first)
         return copy_with(
             state,
-            rest_length=state.rest_length + fed,
-            elongation=state.elongation - fed,
+            rest_length=state.rest_length + jnp.sum(fed),
+            elongation=state.elongation - jnp.sum(fed),
             fed_length=state.fed_length + fed / state.heat_factor,
             jack_force=None,
             jacked=None,
         )
 
-    def _jack(self, state):
-        """Return the force of a jack at the first end of one cable, N, and whether there is one."""
-        if state.jack_force is None:
-            return None
-        return state.jack_force, True if state.jacked is None else state.jacked
-
     # --- one cable
+
+    def path(self, ends: Ends, motion: Motion) -> CablePath:
+        """Return the path of one cable over its nodes."""
+        if self.radius is None:
+            return path_over_points(ends, motion)
+        return path_over_saddles(self.radius, self.axis, ends, motion)
+
+    def length_change(self, ends: Ends, motion: Motion) -> Scalar:
+        """Return the change of the length of one cable over all nodes, m."""
+        return jnp.sum(self.path(ends, motion).change)
 
     def coefficients(self) -> FrictionCoefficients:
         """Return the coefficients of friction of one cable."""
@@ -274,22 +303,23 @@ class FrictionCables(SlidingCables):
 
     def _segments_with_tensions(self, state, ends, motion):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
-        segment, length = moved_segments_with_lengths(ends, motion)
-        elongation = self.stuck_elongations(state, ends, motion)
-        bound = self.coefficients().bound(deviation_angles(segment[:-1], segment[1:]), length)
-        clamped = self.closed_clamps(state, length)
-        segments = StraightSegments(self, length, elongation, bound, clamped, self._jack(state))
+        path = self.path(ends, motion)
+        elongation = self.stuck_elongations(state, path)
+        bound = self.coefficients().bound(path.angle, path.length)
+        clamped = self.closed_clamps(state, path.length)
+        jack = state.jack
+        segments = StraightSegments(self, path.length, elongation, bound, clamped, jack)
         return segments, segment_tensions(segments)
 
-    def stuck_elongations(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return by how much chords exceed unstressed lengths, if nothing slips now, [n], m."""
-        change, before, _ = segment_length_changes(ends, motion)
+    def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n"]:
+        """Return by how much segments exceed unstressed lengths, if nothing slips now, [n], m."""
+        change, before = path.change, path.initial_length
         slip = jnp.pad(state.memory * state.heat_factor, 1)
         moved = jnp.diff(jnp.pad(state.initial_slip, 1))
         fed = state.fed_length * state.heat_factor
-        elongation = (before - moved) / jnp.sum(before) * (state.elongation + fed)
+        elongation = (before - moved) / jnp.sum(before) * (state.elongation + jnp.sum(fed))
         elongation = elongation + change + moved + slip[1:] - slip[:-1]
-        return elongation.at[0].add(-fed)
+        return elongation.at[0].add(-fed[0]) - jnp.where(last_segment(before), fed[1], 0.0)
 
     def closed_clamps(
         self, state: OwnState, length: Float[Array, " n"]
@@ -310,38 +340,6 @@ class FrictionCables(SlidingCables):
     def peak_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the largest tension of the segments of one cable, N."""
         return jnp.max(self.segment_tension(state, ends, motion))
-
-    def slip(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
-        """Return what has slipped over each deviator so far, towards the next segment, m.
-
-        It is unstressed length at the reference temperature.
-        """
-        found = self._segments_with_tensions(state, ends, motion)[1]
-        return state.memory + slips(found) / state.heat_factor
-
-    def friction_used(
-        self, state: OwnState, ends: Ends, motion: Motion
-    ) -> Float[Array, " n_deviator"]:
-        """Return the logarithm of the ratio of tensions at each deviator over the largest one.
-
-        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction, and where
-        the cable is straight.
-        """
-        found = self._segments_with_tensions(state, ends, motion)[1]
-        before, after = found.at_deviators()
-        counts = (before > 0) & (after > 0) & (found.bound > 1e-6)  # less is straight
-        ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
-        return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
-
-    def clamp_force(
-        self, state: OwnState, ends: Ends, motion: Motion
-    ) -> Float[Array, " n_deviator"]:
-        """Return the difference of the tensions at each clamp of one cable, N; 0 without a clamp.
-
-        It is that of the next segment less that before; friction helps to hold it.
-        """
-        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
-        return jnp.where(state.clamped > 0, after - before, 0.0)
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether no segment of one cable has a tension."""
@@ -364,9 +362,8 @@ class FrictionCables(SlidingCables):
 
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
-        segment, length = moved_segments_with_lengths(ends, motion)
-        density = self.segment_tension(state, ends, motion) / jnp.where(length > 0, length, 1.0)
-        force = forces_of_segments(density[:, None] * segment)
+        along = self.path(ends, motion).along
+        force = forces_of_segments(self.segment_tension(state, ends, motion)[:, None] * along)
         if state.line_load is None:
             return force
         return force - self.sliding_load_forces(state, ends, motion)
@@ -386,10 +383,13 @@ class FrictionCables(SlidingCables):
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
-        segment, length = moved_segments_with_lengths(ends, motion)
+        along = self.path(ends, motion).along
         segments, found = self._segments_with_tensions(state, ends, motion)
-        real = length > 0
+        real = segments.length > 0
         rate = elongations_and_rates(segments, found.tension)[1]
-        moved = 8 * jnp.finfo(length.dtype).eps * jnp.max(jnp.abs(motion))
-        force = jnp.where(real, moved / jnp.where(real, rate * length, 1.0), 0.0)
-        return jnp.abs(forces_of_segments(force[:, None] * jnp.abs(segment), 1.0))
+        moved = jnp.max(jnp.abs(motion))
+        if self.radius is not None:  # tangent points are rounded, too
+            moved = moved + jnp.max(self.radius)
+        moved = 8 * jnp.finfo(moved.dtype).eps * moved
+        force = jnp.where(real, moved / jnp.where(real, rate, 1.0), 0.0)
+        return jnp.abs(forces_of_segments(force[:, None] * jnp.abs(along), 1.0))

@@ -29,6 +29,7 @@ from .friction import (
     SegmentTensions,
     are_balanced,
     deviation_angles,
+    last_segment,
     mismatches,
     solve_small,
 )
@@ -50,7 +51,7 @@ class HangingSegments(NamedTuple):
         load: dead load per unstressed length, [3], N/m.
         stiffness: EA, N.
         clamped: whether the cable is clamped to a deviator, [n - 1].
-        jack: None: there is no jack at the first end.
+        jack: None: there is no jack at an end.
     """
 
     coefficients: FrictionCoefficients
@@ -118,7 +119,8 @@ def _with_slips(segments, elongation, shape, sign):
     """Return the `SegmentTensions` of hanging segments."""
     gained = jnp.where(segments.length > 0, segments.stuck_elongation - elongation, 0.0)
     gained = jnp.where(shape.tension > 0, gained, 0.0)
-    return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained)
+    out = None if segments.jack is None else last_segment(segments.length) & segments.jack.at_last
+    return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained, out)
 
 
 def shallow_elongations(
@@ -148,7 +150,9 @@ def _mismatches(elongation, parameters):
     rate = jnp.where(held, 1.0, shallow_elongations(lax.stop_gradient(segments), tension)[1])
     found = _with_slips(segments, elongation, shape, sign)
     kept = elongation - jnp.where(segments.length > 0, segments.stuck_elongation, 0.0)
-    return jnp.where(held, kept, mismatches(found, rate, segments.jack))
+    return jnp.where(
+        held, kept, mismatches(found, rate, segments.jack, last_segment(segments.length))
+    )
 
 
 class _SearchState(NamedTuple):
@@ -181,7 +185,7 @@ def _find_slips(segments):
 
     They are NaN where there is no equilibrium, or none was found.
     """
-    real, jack = segments.length > 0, segments.jack
+    real, jack, last = segments.length > 0, segments.jack, last_segment(segments.length)
     alone = jnp.where(real, segments.stuck_elongation, 0.0)
     stuck = _hang(segments, alone).tension
     eps = jnp.finfo(alone.dtype).eps * jnp.sum(segments.length)
@@ -198,13 +202,14 @@ def _find_slips(segments):
         slips = jnp.pad(sign, 1) != 0
         changes = slips[1:] | slips[:-1]
         if jack is not None:
-            changes = changes.at[0].set(changes[0] | jack[1])
+            changes = changes.at[0].set(changes[0] | jack.at_first) | (last & jack.at_last)
         changes = changes & real
         new = jnp.where(changes, model(tension)[0], alone)
         moved = jnp.max(jnp.abs(new - s.elongation))
         runs_away = jnp.any(changes & deep)
-        last = s.elongation, shape.tension
-        return _SearchState(new, sign, *last, ratio, deep, moved, runs_away, s.steps + 1)
+        return _SearchState(
+            new, sign, s.elongation, shape.tension, ratio, deep, moved, runs_away, s.steps + 1
+        )
 
     def unfinished(s):
         return (s.moved > 2 * eps) & (s.steps < _MAX_SEARCHES)
@@ -218,7 +223,7 @@ def _find_slips(segments):
     shape = _hang(segments, end.elongation)
     rate = shallow_elongations(segments, jnp.where(shape.tension > 0, shape.tension, 1.0))[1]
     found = _with_slips(segments, end.elongation, shape, end.sign)
-    balanced = are_balanced(found, rate, segments.length, jack)
+    balanced = are_balanced(found, rate, segments.length, jack, last)
     fails = end.runs_away | ~(end.moved <= 8 * eps) | ~balanced
     return jnp.where(fails, jnp.nan, end.elongation), end.sign
 

@@ -112,7 +112,11 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the strain of one cable: its elongation over its unstressed length."""
-        return (state.elongation + _total_length_change(ends, motion)) / state.rest_length
+        return (state.elongation + self.length_change(ends, motion)) / state.rest_length
+
+    def length_change(self, ends: Ends, motion: Motion) -> Scalar:
+        """Return the change of the length of one cable over all nodes, m."""
+        return jnp.sum(segment_length_changes(ends, motion)[0])
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force of one cable at every node, sliding load included, N."""
@@ -155,7 +159,7 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
         work = (
             None
             if state.jack_force is None
-            else state.jack_force * _total_length_change(ends, motion)
+            else state.jack_force * self.length_change(ends, motion)
         )
         energy = jack_value_or(state, work, stored)
         return (
@@ -180,7 +184,7 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
             for of in (_segments_with_lengths(ends), moved_segments_with_lengths(ends, motion))
         )
         return self._state_activated_at_length(
-            state, length, _total_length_change(ends, motion), start
+            state, length, self.length_change(ends, motion), start
         )
 
     def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
@@ -188,7 +192,7 @@ class SlidingCables(TensionOnly, Jackable, RoundingEstimate):
         return self.locked_off_state(
             state,
             jnp.sum(moved_segments_with_lengths(ends, motion)[1]),
-            _total_length_change(ends, motion),
+            self.length_change(ends, motion),
         )
 
 
@@ -228,11 +232,6 @@ def _vectors_with_lengths(piece):
     # padding with the last node makes pieces of length zero, whose derivative must be finite
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return piece, length
-
-
-def _total_length_change(ends, motion):
-    """Return the change of the length over all nodes, m, without subtracting lengths."""
-    return jnp.sum(segment_length_changes(ends, motion)[0])
 
 
 def segment_length_changes(

@@ -52,9 +52,10 @@ class SlidingCatenaries(FrictionCables):
         axial_stiffness, rest_length, weight, expansion, strength: as of `SlidingCables`.
         compliance: as of `SlidingCables`.
         area, law, section: None, because a catenary is elastic.
+        radius, axis: None; the cable bends at its nodes.
 
     Raises:
-        ValueError: as of `FrictionCables`; also for a law or a section.
+        ValueError: as of `FrictionCables`; also for a law, a section or a radius.
 
     Source: as of `Catenaries` and `FrictionCables`.
 
@@ -76,6 +77,8 @@ class SlidingCatenaries(FrictionCables):
     area: None = None
     law: None = None
     section: None = None
+    radius: None = None
+    axis: None = None
 
     is_chain = False
     results = (  # type: ignore[assignment]  # others than those of straight segments
@@ -86,6 +89,8 @@ class SlidingCatenaries(FrictionCables):
     def __post_init__(self):
         if self.law is not None or self.section is not None or self.area is not None:
             raise ValueError("law, area, section: a catenary is elastic; give axial_stiffness")
+        if self.radius is not None or self.axis is not None:
+            raise ValueError("radius: hanging cables bend at their nodes; take FrictionCables")
         super().__post_init__()
 
     @property
@@ -118,11 +123,11 @@ class SlidingCatenaries(FrictionCables):
             self.coefficients(),
             chord,
             length,
-            self.stuck_elongations(state, ends, motion),
+            self.stuck_elongations(state, self.path(ends, motion)),
             load,
             jnp.asarray(self.stiffness_with_spring, length.dtype),
             self.closed_clamps(state, length),
-            self._jack(state),
+            state.jack,
         )
         return segments, *hanging_tensions(segments)
 

@@ -7,7 +7,7 @@ is within the bounds that the next tension sets, and at a bound if not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +19,17 @@ MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
 CLAMPED = 80.0  # bound from which the cable is held: its exponential is finite in float32, too
 
 
-Jack: TypeAlias = 'tuple[Float[Array, ""], Bool[ArrayLike, ""]]'
-"""Tension of a cable at its first end, N, and whether a jack prescribes it."""
+class Jack(NamedTuple):
+    """Jacks that prescribe the tension at ends of a cable, which then take any length out or in.
+
+    Attributes:
+        force: tension at every end that has a jack, N.
+        at_first, at_last: whether there is a jack at the first end, and at the last one.
+    """
+
+    force: Float[Array, ""]
+    at_first: Bool[ArrayLike, ""]
+    at_last: Bool[ArrayLike, ""]
 
 
 class SegmentsThatSlip(NamedTuple):
@@ -36,7 +45,7 @@ class SegmentsThatSlip(NamedTuple):
             the last one falls short of it, [n], N; None: segments without weight.
         elongations_and_rates: function of the tensions, [n], N: present length minus the unstressed
             length that has this tension, m, which increases with it, and its derivatives, m/N.
-        jack: None: there is no jack at the first end.
+        jack: None: there is no jack at an end.
     """
 
     stuck: Float[Array, " n"]
@@ -60,6 +69,9 @@ def tensions_and_signs(
     growth = jnp.where(bound < CLAMPED, jnp.exp(bound), jnp.inf).astype(dtype)
     drop = jnp.zeros_like(segments.stuck) if segments.drop is None else segments.drop
     best, last = _best_tensions(segments, growth, drop)
+    if segments.jack is not None:
+        force, _, at_last = segments.jack
+        last = jnp.where(at_last, force + drop[-1], last)
     rounding = _rounding(segments)
 
     def go_back(later, at):
@@ -100,9 +112,9 @@ def _best_tensions(segments, growth, drop):
     reach = zero[0], zero[0] + jnp.inf
     first = segments.stuck[0]
     if segments.jack is not None:
-        force, jacked = segments.jack
-        first = jnp.where(jacked, force - drop[0], first)
-        reach = jnp.where(jacked, first, reach[0]), jnp.where(jacked, first, reach[1])
+        force, at_first, _ = segments.jack
+        first = jnp.where(at_first, force - drop[0], first)
+        reach = jnp.where(at_first, first, reach[0]), jnp.where(at_first, first, reach[1])
 
     def extend(i, carry):
         best, (low, high) = carry

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..elements.abilities import POINT_LOADS
 from ..elements.element import PRESENT
-from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
+from ..elements.friction_state import CLAMP_FORCE, DEVIATOR_RESULTS, SEGMENT_TENSION
 from ..elements.sliding_catenaries import SEGMENT_PULL
 from ..model.result_parts import present_elements, result_columns
 from .columns import element_columns, envelope_columns, states_heading
@@ -111,7 +111,7 @@ def _place_text(group, element, name, place):
     if SEGMENT_TENSION not in group.results or not place.isdigit():
         return place
     # else it is a deviator, the end of a segment
-    of_segment = name not in (SLIP.name, FRICTION_USED.name, CLAMP_FORCE.name)
+    of_segment = name not in [result.name for result in DEVIATOR_RESULTS]
     first, last = group.links.array[element, int(place) + (not of_segment) :][:2]
     text = f"{first} to {last}" if of_segment else f"node {first}"
     return text if first != last else None

@@ -10,6 +10,7 @@ import jaxcable as jc
 from jaxcable.common.tree import copy_with
 from jaxcable.elements import friction
 from jaxcable.elements.friction_cables import FrictionCables
+from jaxcable.elements.slip_search import Jack
 
 
 def draw(random, count, n):
@@ -66,7 +67,7 @@ def test_tensions_and_slips_fulfil_coulombs_conditions(n, has_jack):
 
     def tensions(stiffness, length, stuck, bound, clamped, force):
         cable = copy_with(group, axial_stiffness=stiffness)
-        jack = (force, jnp.ones((), bool)) if has_jack else None
+        jack = Jack(force, jnp.ones((), bool), jnp.zeros((), bool)) if has_jack else None
         segments = friction.StraightSegments(cable, length, stuck, bound, clamped, jack)
         return friction.segment_tensions(segments).tension
 
@@ -88,4 +89,4 @@ def test_tensions_that_are_not_in_balance_are_told():
         (right, gained + 1e-8, False),
     ]:
         ends = friction.SegmentTensions(tension, None, jnp.ones(1), jnp.array([0.1]), moved)
-        assert bool(friction.are_balanced(ends, jnp.full(2, 1e-5), length, None)) == expected
+        assert bool(friction.are_balanced(ends, jnp.full(2, 1e-5), length, None, False)) == expected

@@ -290,6 +290,12 @@ def clamped_over_saddle(v):
     return code(net(**rope), jc.Phase(clamped=v, loads=PULL))
 
 
+def stressed_over_saddle(v):
+    rope = {"kind": jc.FrictionCables, "links": np.array([[0, 1, 2]])}
+    stressed = jc.Phase(stressed_ends=jnp.asarray(v)[None], jacking=1.0, loads=PULL)
+    return code(net(**rope), stressed)
+
+
 def relaxed(v):
     """Form of two cables, one of a tension, one of a length, to a tolerance; NaN if not found."""
     tension, rest_length = jc.only([0], v[0]), jc.only([1], v[1])
@@ -396,12 +402,17 @@ of_beams("up"), AXIS, (5.0, 0.0, 1.0)  # up: up[0]...must not be along the eleme
 lambda v: code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]])), 1.0, JOINED
     # nodes: links[0]: its nodes [0, 1] coincide
 ## elements/friction_cables.py
+rubbed("radius"), 0.01, -1.0  # radius: radius... = -1.0: must not be negative
+## elements/cable_path.py
+rubbed("axis", radius=0.01), (0.0, 1.0, 0.3), (0.0, 0.0, 0.0)  # radius: radius...`axis` is zero
+rubbed("radius"), 0.01, 100.0  # radius: radius... = 100.0: must not be larger than half
+## elements/friction.py
 rubbed("friction"),  # rules: friction... = -1.0: must not be negative
 rubbed("axle_friction"), 0.1, 1.0  # axle_friction: axle_friction... = 1.0: must be from 0 to
 softening_over_saddle, [0.0, 2e6, 3e6], [0.0, 2e6, 1e6]
     # law: law...softens; a cable with friction
-## elements/friction.py
 clamped_over_saddle, 1.0, 0.5  # open_or_closed: ...clamped... = 0.5: a clamp is open, 0, or
+stressed_over_saddle, [1.0, 1.0], [0.0, 0.0]  # stressed_or_not: ...stressed_ends...at least one is
 ## model/structure.py
 lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
 ## materials/elastic.py

@@ -1,0 +1,75 @@
+"""Results of cables at the nodes that deviate them: slip, friction, forces of clamps, contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+
+from ..common.types import Array, ArrayLike, Float
+from .cable_path import CablePath
+from .element import Ends, Motion
+from .element_state import OwnState
+from .friction import SegmentTensions, slips
+
+
+class DeviatorResults:
+    """Results at the deviators of one cable with friction, all [n_deviator].
+
+    Subclasses have `path` and `_segments_with_tensions`, as `FrictionCables`.
+    """
+
+    path: Callable[[Ends, Motion], CablePath]
+    _segments_with_tensions: Callable[[Any, Ends, Motion], tuple[Any, SegmentTensions]]
+    radius: Float[ArrayLike, "n_elem n_deviator"] | None
+
+    def slip(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
+        """Return what has slipped over each deviator so far, towards the next segment, m.
+
+        It is unstressed length at the reference temperature.
+        """
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        return state.memory + slips(found) / state.heat_factor
+
+    def friction_used(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the logarithm of the ratio of tensions at each deviator over the largest one.
+
+        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction, and where
+        the cable is straight.
+        """
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        before, after = found.at_deviators()
+        counts = (before > 0) & (after > 0) & (found.bound > 1e-6)  # less is straight
+        ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
+        return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
+
+    def clamp_force(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the difference of the tensions at each clamp of one cable, N; 0 without a clamp.
+
+        It is that of the next segment less that before; friction helps to hold it.
+        """
+        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        return jnp.where(state.clamped > 0, after - before, 0.0)
+
+    def contact_arc(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the length on each saddle with a radius, m; negative: the cable would lift off."""
+        return jnp.asarray(self.radius) * jnp.asarray(self.path(ends, motion).contact_angle)
+
+    def contact_pressure(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_deviator"]:
+        """Return the largest force per length on each saddle, T / r, N/m; 0 without a radius.
+
+        It is negative where a saddle would have to pull, because the cable would lift off.
+        """
+        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        side = jnp.sign(jnp.asarray(self.path(ends, motion).contact_angle))
+        radius = jnp.asarray(self.radius)
+        return side * jnp.maximum(before, after) / jnp.where(radius > 0, radius, 1.0)
