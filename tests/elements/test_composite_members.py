@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from banks.laws import CURVES
 from banks.shapes import in_line
 from oracles.traced import traced
 
@@ -260,18 +259,6 @@ def test_a_law_that_yields_in_series_with_a_spring():
     assert float(soft.modulus) == pytest.approx(modulus / (1 + spring * modulus), rel=1e-14)
     beyond = soft.is_ruptured(0.05 + spring * top * np.array([0.99, 1.01]))
     assert beyond.tolist() == [False, True]
-
-
-def test_a_spring_beside_a_law_that_falls_is_refused():
-    falling = jc.Polygonal(*CURVES["softening"])
-    section = two_parts(falling)
-    with pytest.raises(
-        ValueError, match=r"compliance: section\.laws\[1\] softens; with a spring in"
-    ):
-        jc.Bars([[0, 1]], section=section, compliance=1e-8)
-    with pytest.raises(ValueError, match="beside a law of points only in groups of one element"):
-        points = jc.Section.disc(0.01, STEEL)
-        jc.Bars([[0, 1], [1, 2]], section=points, compliance=1e-8)
 
 
 def test_a_spring_in_series_counts_in_the_stiffness_along():

@@ -13,7 +13,6 @@ import jaxcable as jc
 from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
-from jaxcable.elements.phase_input import PhaseInput
 
 # --- classes that keep the contract, and those that do not
 
@@ -66,11 +65,7 @@ def test_what_does_not_keep_the_contract_is_told():
         jc.Structure(NODES[:2], {"own": group}, jc.pinned([0]))
 
 
-def test_a_state_without_the_field_of_a_statement_is_refused():
-    supports = jc.pinned([0]) + jc.restrained([1], "yz")
-    structure = jc.Structure(NODES[:2], Jacks([[0, 1]], 1e3), supports)
-    with pytest.raises(ValueError, match="Long: a state of elements without the field `jack_for"):
-        jc.solve(structure, jc.Phase(jacking=10.0))
+def test_an_ability_has_abstract_methods():
     with pytest.raises(TypeError, match=r"abstract method '?tension"):
 
         class Untold(abilities.Jackable):
@@ -259,21 +254,6 @@ def test_what_a_class_changes_is_tried(name):
         states = [copy_with(group.start(NODES[None, :3]), stress=stress)]
     with pytest.raises(ValueError, match=sentence):
         check(group, NODES, *states)
-
-
-@pytest.mark.parametrize(
-    ("phase_input", "sentence"),
-    [
-        ("stress", "phase_inputs: 'stress' is none of .*; give a `PhaseInput`"),
-        (PhaseInput("sag", "m"), "phase_inputs: 'sag' is one of `Phase`; give the name alone"),
-    ],
-)
-def test_names_of_phase_inputs_are_tried(phase_input, sentence):
-    class Own(Membranes):
-        phase_inputs = (phase_input,)
-
-    with pytest.raises(ValueError, match=sentence):
-        jc.Structure(NODES, pytree(indices=("links",))(Own)([[0, 1, 2]], 1e4), jc.pinned([0]))
 
 
 def test_results_are_objects():

@@ -161,28 +161,3 @@ def test_gradients():
         "weight": [60.0],
     }
     assert_gradient(*joined(weighed, p), corrupted=1.02)
-
-
-def rope(links):
-    return jc.SlidingCables(links, axial_stiffness=1.0)
-
-
-REFUSED = {
-    "at least two nodes": lambda: rope([[0]]),
-    r"links\[1\] = \[0, 1, 1, 2\]: node 1 twice in succession": lambda: rope(
-        [[0, 1], [0, 1, 1, 2]]
-    ),
-    r"links\[0\]: its nodes \[0, 1\] coincide": lambda: jc.Structure(
-        [[0.0, 0, 0], [0, 0, 0], [1, 0, 0]], rope([[0, 1, 2]]), jc.pinned([0])
-    ),
-    "at least one element": lambda: rope([]),
-    r"elements \(SlidingCables\) has no secant": lambda: jc.solve(
-        pulley()[0], [pulley()[1]], jc.Incremental(stiffness="secant")
-    ),
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_refused(message):
-    with pytest.raises(ValueError, match=message):
-        REFUSED[message]()

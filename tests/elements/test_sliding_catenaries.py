@@ -323,21 +323,6 @@ def test_energy_of_a_cycle():
     assert off[0] < 0.06 and off[1] < 0.6 * off[0]
 
 
-@pytest.mark.parametrize(
-    ("text", "changes"),
-    [
-        ("law, area, section: a catenary is elastic", {"law": jc.Elastic(2e11), "area": 1e-4}),
-        ("law, area, section: a catenary is elastic", {"axial_stiffness": EA, "area": 1e-4}),
-        (r"friction\[0, 1\] = -0.1: must not be negative", {"friction": [[0.1, -0.1]]}),
-        ("links: no cable has a node between its ends", {"links": [[0, 1]]}),
-    ],
-)
-def test_messages(text, changes):
-    given = {"links": [[0, 1, 2, 3]]} | ({} if "law" in changes else {"axial_stiffness": EA})
-    with pytest.raises(ValueError, match=text):
-        jc.SlidingCatenaries(**given | changes)
-
-
 @pytest.mark.parametrize("increments", [1, 2])
 def test_a_jack_that_pays_a_cable_out_is_warned_of(increments):
     """From the straight line as drawn, in one increment: the tension grows away from the jack."""
