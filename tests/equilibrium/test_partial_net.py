@@ -47,7 +47,7 @@ def steps(solution):
 
 def test_slack_cables_beside_beams_take_few_steps():
     """`PlainCables` fail here, which need 200 steps; that is what makes the case a hard one."""
-    case, limit = ("half", 14, 1e5), jc.Newton(max_steps=100)
+    case, limit = ("half", 14, 1e5), jc.Newton(max_steps=60)
     before = jc.solve(*beside_beams(*case, PlainCables), limit)
     assert int(before.status) == jc.status.NOT_CONVERGED
     scene = beside_beams(*case)
@@ -60,6 +60,7 @@ def test_slack_cables_beside_beams_take_few_steps():
     assert largest_unbalanced(*scene, moved) > 1e-5
 
 
+@pytest.mark.slow_cases("third")
 @pytest.mark.parametrize("kind", ["third", "patches"])
 def test_the_equilibrium_is_that_of_predicted_forces(kind):
     case = kind, 14, 1e5
