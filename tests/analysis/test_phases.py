@@ -160,31 +160,6 @@ def test_fixed_freedoms_are_held_where_they_are():
     assert float(solution.load[3, 2]) == -75.0 and float(solution.load[4, 2]) == -150.0
 
 
-@pytest.mark.slow
-def test_loads_add_over_phases_and_an_empty_phase_changes_nothing(by_tension):
-    half = jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (0, 0, -37.5)))
-    two = solved(STRUCTURE, [PRESTRESS, half, jc.Phase(), half])
-    assert np.abs(np.asarray(by_tension.displacement - two.displacement)).max() < 1e-13
-    assert np.abs(np.asarray(two.phases[2].displacement_in_phase)).max() == 0.0
-
-
-def assert_same(a, b):
-    """Equal to the rounding of two programs that go through the same iterates."""
-    assert np.abs(np.asarray(a) - np.asarray(b)).max() <= 1e-13 * np.abs(np.asarray(b)).max()
-
-
-@pytest.mark.slow
-def test_start_continues_from_a_solution(by_tension):
-    first = solved(STRUCTURE, [PRESTRESS])
-    again = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first)
-    jc.raise_if_failed(again)
-    assert_same(again.displacement, by_tension.displacement)
-    assert_same(again.tension, by_tension.tension)
-    same = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first.last)
-    jc.raise_if_failed(same)
-    assert_same(same.displacement, by_tension.displacement)
-
-
 def test_path_reports_each_increment(by_tension):
     """Each row of the path is the solution of the analysis that ends there."""
     path = by_tension.phases[1].path

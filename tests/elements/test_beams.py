@@ -192,33 +192,6 @@ def test_a_toggle_is_pushed_through_its_limit_point():
     assert np.abs(-np.array(mine) - peer).max() < 2e-3 * np.abs(peer).max()
 
 
-# --- buckling and axial force
-
-
-def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
-    n, length = 4, 4.0
-    mask = in_plane(n + 1).mask.array.copy()
-    mask[[0, n], 2] = mask[0, 0] = True
-    structure = beam(n, BOX, length, jc.Supports(mask))
-
-    @traced
-    def lowest(force):
-        load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
-        solution = jc.solve(structure, [jc.Phase(loads=load)])
-        return jnp.linalg.eigvalsh(jc.stiffness.tangent_stiffness(structure, solution))[
-            0
-        ], solution.status
-
-    euler = np.pi**2 * EI / length**2
-    low, high = 0.9 * euler, 1.1 * euler
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        value, code = lowest(middle)
-        assert int(code) == 0
-        low, high = (middle, high) if value > 0 else (low, middle)
-    assert abs(low / euler - 1) < 1e-3
-
-
 # --- loads, hinges, mixed structures
 
 

@@ -166,44 +166,6 @@ def hung(prestrain=0.01, load=1.0):
 once = functools.cache(hung)
 
 
-def energy(structure, rest, places):
-    """Of cables by their lengths, and of triangles by products of their sides, old and new."""
-
-    def sides(nodes):
-        a, b, c = (nodes[structure.elements["sheet"].links.array[:, k]] for k in range(3))
-        both = jnp.stack([b - a, c - a], axis=1)
-        return both @ jnp.swapaxes(both, 1, 2)
-
-    old, new = sides(structure.nodes), sides(places)
-    strain = 0.5 * jnp.linalg.solve(old, new - old) + 0.01 * jnp.eye(2)[None]
-    area, trace = 0.5 * jnp.sqrt(jnp.linalg.det(old)), jnp.trace(strain, axis1=1, axis2=2)
-    square = NU * trace**2 + (1 - NU) * jnp.sum(strain * jnp.swapaxes(strain, 1, 2), axis=(1, 2))
-    i, j = structure.elements["edges"].links.array.T
-    longer = jnp.linalg.norm(places[j] - places[i], axis=1) - rest
-    cloth = 0.5 * ET / (1 - NU**2) * jnp.sum(area * square)
-    return cloth + jnp.sum(0.5 * 1e5 * longer**2 / rest)
-
-
-@pytest.mark.slow
-def test_a_sheet_between_cables_is_in_balance():
-    """The load is the slope of an energy written apart; the work of all forces is stored."""
-    structure, phases, solution = once()
-    assert solution.status == status.OK
-    assert (solution.tension["edges"] > 0).all()
-    pull = jax.grad(energy, 2)(structure, solution.rest_length["edges"], solution.positions)
-    load = roof()[1]
-    left = np.asarray(pull)[load.nodes.array] - np.asarray(load.forces)
-    assert np.abs(left).max() < 1e-7  # tol 1e-10 of some 500 N
-    assert np.abs(np.asarray(solution.displacement)).max() > 0.01
-    assert solution.tension["sheet"] is None and solution.rest_length["sheet"] is None
-    assert solution.results["membrane_forces"]["edges"] is None
-    assert solution.phases[1].path.results["membrane_forces"]["sheet"].shape == (3, 32, 3)
-    assert list(solution.element_results) == ["tension", "peak_tension", "membrane_forces"]
-    found = jc.energy_balance(structure, phases, solution)
-    assert found.level[0] > 0 and found.dead[1] > 0
-    assert found.relative_imbalance[1] < 0.05  # trapezoidal rule with 3 increments
-
-
 @pytest.mark.slow
 def test_gradient_by_prestrain_and_load():
     def sag(p):
@@ -215,6 +177,7 @@ def test_gradient_by_prestrain_and_load():
 
 def test_files_pictures_and_reports(tmp_path):
     structure, phases, solution = once()
+    assert list(solution.element_results) == ["tension", "peak_tension", "membrane_forces"]
     jc.save_scene(tmp_path / "roof.json", (structure, phases))
     again = converged(jc.solve(*jc.load_scene(tmp_path / "roof.json")))
     told = np.asarray(solution.results["membrane_forces"]["sheet"])

@@ -66,42 +66,6 @@ def test_forces_are_those_of_euler_and_of_the_clamp():
     assert_allclose(solution.reactions[0], np.array([-0.6, 0.0, -0.8]) * first[-1], rtol=1e-8)
 
 
-HANGING = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [3.0, 0.0, 4.0]])
-WEIGHT, PUSH = np.array([0.0, 0.0, -600.0]), np.array([200.0, 30.0, -300.0])
-
-
-def hung(elements, *phases):
-    """A rope between fixed ends, whose saddle hangs in it."""
-    structure = jc.Structure(HANGING, elements, jc.pinned([0, 2]))
-    return jc.solve(structure, list(phases))
-
-
-@pytest.mark.slow
-def test_a_clamped_rope_is_two_cables():
-    """The clamp is closed where a rope without friction has come to rest; then the load grows."""
-    weight, push = (jc.NodalLoads([1], force) for force in (WEIGHT, PUSH))
-    first = jc.Phase(pretension=500.0, loads=weight)
-    ropes = {"rope": Saddles([[0, 1, 2]], EA)}
-    clamped = hung(ropes, first, jc.Phase(clamped=1, loads=push, increments=3))
-    free = hung(ropes, first, jc.Phase(loads=push))
-    slides = hung(jc.SlidingCables([[0, 1, 2]], axial_stiffness=EA), first, jc.Phase(loads=push))
-    assert clamped.status == free.status == slides.status == status.OK
-    assert_allclose(free.displacement, slides.displacement, atol=1e-9)  # of more than 1 cm
-    places = clamped.phases[0].positions
-    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    forces = np.asarray(clamped.phases[0].results["rope_forces"]["rope"][0])
-    assert_allclose(forces[0], forces[1], rtol=1e-9)
-    links, rest = [[0, 1], [1, 2]], lengths / (1 + forces / EA)
-    cables = hung(
-        jc.Cables(links, axial_stiffness=EA, rest_length=rest),
-        jc.Phase(loads=jc.NodalLoads([1], WEIGHT + PUSH), increments=3),
-    )
-    assert cables.status == status.OK
-    assert_allclose(clamped.displacement, cables.displacement, atol=1e-9)
-    assert_allclose(clamped.results["rope_forces"]["rope"][0], cables.tension, rtol=1e-8)
-    assert np.abs(clamped.displacement - free.displacement).max() > 0.01
-
-
 def end(p):
     """Where the end is after five phases, by friction, and the force in the anchor after two."""
     solution = jc.solve(rope(), history(MU * p)[:5])

@@ -7,7 +7,6 @@ import pytest
 from banks.problems import pulls_on_nodes
 from banks.shapes import pieces
 from oracles.convergence import converged
-from oracles.taylor import assert_gradient
 from oracles.traced import traced
 from scipy.optimize import brentq
 
@@ -185,39 +184,6 @@ def test_transformations_against_closed_forms(find, by_hand, batch):
     np.testing.assert_allclose(places, known, atol=1e-9)
     for own, other in zip(slopes, rates, strict=True):
         assert np.abs(own - other).max() < 1e-9 * np.abs(other).max()
-
-
-SMALL, _ = jc.scenes.saddle(2, 2, rise=0.3, axial_stiffness=EA)
-TENSION = jnp.asarray(np.random.default_rng(0).uniform(800, 1200, 12))
-LOAD = jnp.asarray(np.random.default_rng(1).normal(size=(SMALL.n_node, 3)) * 20)
-GIVEN = np.array([0, 7])
-OTHERS = np.setdiff1d(np.arange(12), GIVEN)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lengths", [False, True])
-def test_gradients(lengths):
-    """By tensions or two lengths, by loads, and by the places of all supports."""
-    start = TENSION / 1e3
-    if lengths:
-        start = start.at[GIVEN].set(jnp.array([1.1, 1.2]))
-
-    def number(p):
-        structure = jc.replace(SMALL, nodes=p["nodes"])
-        loads = jc.NodalLoads(np.arange(SMALL.n_node), LOAD * p["loads"] / 100)
-        given = p["given"]
-        tension, length = 1e3 * given, None
-        if lengths:
-            tension, length = only(OTHERS, given[OTHERS]), only(GIVEN, given[GIVEN])
-        form = find_form(structure, tension, loads, length=length, method=TIGHT)
-        weights = jnp.asarray(np.random.default_rng(5).normal(size=form.positions.shape))
-        waves = jnp.cos(jnp.arange(12.0))
-        total = 100 * jnp.sum(weights * jnp.sin(form.positions))
-        total += jnp.sum(waves * (form.length + jnp.log(1 + form.tension**2) + form.rest_length))
-        return total, form.status
-
-    p = {"given": start, "loads": np.ones((SMALL.n_node, 1)), "nodes": SMALL.nodes}
-    assert_gradient(number, p, {"given": 4.0, "loads": 100.0, "nodes": 4.0})
 
 
 # --- failures
