@@ -323,6 +323,7 @@ def test_energy_of_a_cycle():
     assert off[0] < 0.06 and off[1] < 0.6 * off[0]
 
 
+@pytest.mark.slow_cases("2")
 @pytest.mark.parametrize("increments", [1, 2])
 def test_a_jack_that_pays_a_cable_out_is_warned_of(increments):
     """From the straight line as drawn, in one increment: the tension grows away from the jack."""

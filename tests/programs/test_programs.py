@@ -103,7 +103,7 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.slow_cases(
     *("value-frame", "grad-frame", "vmap-frame", "value-hanging", "grad-hanging", "vmap-hanging"),
-    *("value-net", "grad-slack", "vmap-slack", "vmap-net", "vmap-failing"),
+    *("value-net", "grad-slack", "vmap-slack", "vmap-net", "grad-failing", "vmap-failing"),
 )
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(
