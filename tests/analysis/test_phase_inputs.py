@@ -138,14 +138,6 @@ def sags(p):
     return jc.solve(structure, phases, TIGHT).positions
 
 
-def weight_and_stiffness(p):
-    cables = jc.replace(
-        CATENARY.elements, weight=p[0], axial_stiffness=1e4 * p[1], rest_length=33.0
-    )
-    structure = jc.replace(CATENARY, elements=cables)
-    return jc.solve(structure, [jc.Phase(loads=[jc.SelfWeight(), PULL])], TIGHT).positions
-
-
 def chain(p):
     nodes, rest = jc.forms.hanging_chain([0.0, 0, 0], [40.0, 3.0, 8.0], 6, p[0], p[1], 1e3 * p[2])
     return jnp.append(jnp.ravel(nodes), rest)
@@ -160,7 +152,6 @@ def force_densities(p):
 FUNCTIONS = {  # with their numbers and the size of steps
     some_cables: (jnp.array([1.0, 1.2]), 10),
     sags: (jnp.array([1.0, 2.0, 1.0, 1.1, 0.9]), 1),
-    weight_and_stiffness: (jnp.array([30.0, 1e2]), 10),
     chain: (jnp.array([5.0, 2.5, 1.0]), 10),
     force_densities: (jnp.asarray(crossed().nodes), 0.1),
 }
