@@ -9,21 +9,27 @@ import re
 import numpy as np
 import pytest
 from banks.laws import CURVES
+from extensions import own_links
 from extensions.own_elements import GroundSprings
-from extensions.own_links import Brittle, Hooks
 from extensions.own_membrane import Cloth, Membranes, sheet
 from extensions.own_saddle import Saddles
 from model.messages import rows
 
 import jaxcable as jc
+from jaxcable import extend
 from jaxcable.analysis.preparation import prepare
-from jaxcable.extend import pytree
+from jaxcable.files import opensees
 
 Phase, only = jc.Phase, jc.only
 NODES = np.array([[-4.0, 0, 3], [0, 0, 0], [4, 0, 3], [0, 4, 3]])  # the second one is free
 PAIRS, ROPE = [[0, 1], [1, 2], [1, 3]], [[0, 1, 2]]
 NET = jc.Cables(PAIRS, axial_stiffness=1e5, expansion=1e-5)
-OWN = {"net": NET, "hooks": Hooks([[0, 1]], 1e3, 0.5), "rods": Brittle([[3, 1]], 1e3, 5.0)}
+OWN = {
+    "net": NET,
+    "hooks": own_links.Hooks([[0, 1]], 1e3, 0.5),
+    "rods": own_links.Brittle([[3, 1]], 1e3, 5.0),
+}
+THRUSTERS = own_links.Thrusters([[0, 1]], 9.0, 3.0)
 SHEET, TRIANGLES = sheet(2)
 CLOTH = {"cloth": Cloth(TRIANGLES, 1e4), "edge": jc.Cables([[0, 1]], axial_stiffness=1e4)}
 ROPES = {"ropes": Saddles(ROPE, 1e6), "wire": jc.Cables([[1, 2]], axial_stiffness=1e6)}
@@ -72,12 +78,17 @@ def with_result(result):
 def with_input(phase_input):
     """A structure with membranes that take an input."""
     kind = type("Taking", (Membranes,), {"phase_inputs": (phase_input,)})
-    jc.Structure(SHEET, pytree(indices=("links",))(kind)(TRIANGLES, 1e4), jc.pinned([0]))
+    jc.Structure(SHEET, extend.pytree(indices=("links",))(kind)(TRIANGLES, 1e4), jc.pinned([0]))
 
 
 def friction(kind=jc.FrictionCables, links=((0, 1, 2, 3),), **numbers):
     given = {} if "law" in numbers else {"axial_stiffness": 1e6}
     return kind(links=links, **given | {"friction": 0.1} | numbers)
+
+
+def exported(structure):
+    """Only some elements can go to OpenSees."""
+    opensees.require_exportable(structure)
 
 
 def two_laws(law=FALLING):
@@ -98,17 +109,20 @@ analyse({"pretension": {"hooks": 1.0}}, of=OWN)
     # ...pretension['hooks']: a group of Hooks cannot be prestressed
 analyse({"pretension": {"net": 1.0}, "prestrain": {"net": 1e-3}}, of=OWN)
     # ...both state the prestress of elements['net']
-jc.solve(made(Jacks([[0, 1]], 1e3)), Phase(jacking=10.0))
+jc.solve(made(own_links.Jacks([[0, 1]], 1e3)), Phase(jacking=10.0))
     # ...Long: a state of elements without the field `jack_force`
-with_result(Result("displacement", "m"))  # ...'displacement' is the name of a result of nodes
-with_result(Result("tension", "kN"))  # ...'tension' is a result of another group with another unit
+with_result(extend.Result("displacement", "m"))
+    # ...'displacement' is the name of a result of nodes
+with_result(extend.Result("tension", "kN"))
+    # ...'tension' is a result of another group with another unit
 with_input("stress")  # ...phase_inputs: 'stress' is none of ...; give a `PhaseInput`
-with_input(PhaseInput("sag", "m"))  # ...phase_inputs: 'sag' is one of `Phase`; give the name alone
-buckling_factor(made(Thrusters([[0, 1]], 9.0, 3.0)), None)
+with_input(extend.PhaseInput("sag", "m"))
+    # ...phase_inputs: 'sag' is one of `Phase`; give the name alone
+jc.stiffness.buckling_factor(made(THRUSTERS), None)
     # buckling_factor: elements (Thrusters) has symmetric = False
-jc.stiffness.modes(made(Thrusters([[0, 1]], 9.0, 3.0)), None)
+jc.stiffness.modes(made(THRUSTERS), None)
     # modes: elements (Thrusters) has symmetric = False
-jc.dynamics.modes(made(Thrusters([[0, 1]], 9.0, 3.0)), None)
+jc.dynamics.modes(made(THRUSTERS), None)
     # modes: elements (Thrusters) has symmetric = False
 
 ## inputs of own elements
@@ -172,9 +186,9 @@ friction(jc.SlidingCatenaries, links=[[0, 1]])  # ...links: no cable has a node 
 ## laws, springs
 jc.Bars([[0, 1]], section=two_laws(), compliance=1e-8)
     # compliance: section.laws[1] softens; with a spring in
-jc.Bars(PAIRS, section=jc.Section.disc(0.01, materials.steel()), compliance=1e-8)
+jc.Bars(PAIRS, section=jc.Section.disc(0.01, jc.materials.steel()), compliance=1e-8)
     # ...beside a law of points only in groups of one element
-require_exportable(made({"bars": jc.Bars(PAIRS, 1e5), "soil": jc.GroundContacts([1], 1.0)}))
+exported(made({"bars": jc.Bars(PAIRS, 1e5), "soil": jc.GroundContacts([1], 1.0)}))
     # ...soil are GroundContacts; only Cables, Bars and Contacts can
 
 ## inputs of phases
@@ -238,3 +252,46 @@ jc.evaluation("fast")  # way = 'fast': expected
 def test_what_is_refused(call, message):
     with pytest.raises(ValueError, match=re.compile(message, re.DOTALL)):
         eval(call, globals())
+
+
+FAR = np.array([3512345.12, 5411111.0, 400.0])
+
+
+def turned(rotation):
+    turns = [[0.0, 0.1, 0.0], [0.0, rotation, 0.0]]
+    return jc.SupportMovement([0, 1], None, rotations=turns)
+
+
+def placed(offset):
+    jc.Structure((NODES + offset).astype(np.float32), {"net": NET}, jc.pinned([0, 2, 3]))
+
+
+def one(kind=jc.Bars, **numbers):
+    jc.Structure(NODES[:2], kind([[0, 1]], **numbers), jc.pinned([0]))
+
+
+def heavy(weight, **numbers):
+    one(weight=weight, **{"area": 1e-3, "law": jc.Elastic(210e9)} | numbers)
+
+
+SUSPICIOUS = rows("""
+turned(5.0)  # ...rotations[1]: a rotation of 5 rad is 286.479 degrees
+placed(FAR)  # ...resolution of 0.5 m in float32, ...['net'], which are 5 m
+heavy(0.077)  # ...weight[0] = 0.077: less than 100 N/m3 with its area..."units"
+heavy(0.0077, axial_stiffness=2.1e7, area=None, law=None)
+    # ...weight[0] = 0.0077: the stiffness EA is more than 1e9 m times this
+one(area=1e-4, law=jc.Elastic(2.1e5))
+    # ...law: its modulus is 210000 Pa, softer than rubber; is it in MPa
+""")
+
+
+@pytest.mark.parametrize(("call", "message"), SUSPICIOUS, ids=[call[:60] for call, _ in SUSPICIOUS])
+def test_numbers_in_other_units_are_suspected(call, message):
+    with pytest.warns(jc.InputWarning, match=message):
+        eval(call, globals())
+
+
+def test_numbers_in_their_units_are_not_suspected():
+    """Warnings are errors."""
+    turned(np.pi), placed(0.0), heavy(77.0), one(area=1e-4, law=jc.Elastic(2.1e11))
+    heavy(7.7, axial_stiffness=2.1e7, area=None, law=None)
