@@ -230,6 +230,7 @@ def test_there_is_no_length_for_a_tension_below_the_least():
     assert 754.4 < nearest < 1e3  # newtons that the cable can have
 
 
+@pytest.mark.slow  # such a doubt is in tests/model/messages.py
 def test_a_sag_in_millimeters_is_doubted_and_found():
     """A span of 100 m that hangs 3000 m deep: two straight legs, longer by less than 1e-3."""
     structure, phase = level(1e9), jc.Phase(built_sag=3e3, loads=jc.SelfWeight())

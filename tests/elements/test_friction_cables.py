@@ -206,15 +206,21 @@ def weighed(p):
 CAPACITY = 1000 * (np.exp(0.2 * np.pi / 2) - 1)
 
 
+POINT = {"mu": 0.2, "EA": EA, "more": 1.5 * CAPACITY}
+
+
+@pytest.mark.slow
+def test_taylor():
+    assert_gradient(*joined(weighed, POINT))
+
+
 def test_derivatives():
     """Beyond what friction holds; below it, where only the hanging part stretches; NaN between."""
-    point = {"mu": 0.2, "EA": EA, "more": 1.5 * CAPACITY}
-    assert_gradient(*joined(weighed, point))
 
     @traced
     @jax.grad
     def slope(part):
-        return weighed({**point, "more": part * CAPACITY})[0] / CAPACITY
+        return weighed({**POINT, "more": part * CAPACITY})[0] / CAPACITY
 
     # exp(-b) of the load stretches 2 m of rope and the spring, whose unstressed length is below 3 m
     soft = 2 / EA + 3 / (1 + 1000 / 3e4) / 3e4
