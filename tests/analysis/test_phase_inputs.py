@@ -94,27 +94,6 @@ def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_initial_chord(
     assert np.asarray(solution.tension) == pytest.approx(1e3, rel=1e-14)
 
 
-@pytest.mark.slow
-def test_jacks_on_some_cables_of_a_group():
-    """Two are jacked to a force while the others keep their lengths; anchored, nothing moves."""
-    structure, said, _ = stated(1e2)
-    mixed = jc.Phase(
-        jacking=jc.only([0, 2], [1200.0, 900.0]),
-        rest_length=jc.only([1, 3], said.rest_length[jnp.array([1, 3])]),
-        increments=2,
-    )
-    solution = converged(jc.solve(structure, [mixed, jc.Phase()], TIGHT))
-    tension, rest = np.asarray(solution.tension), np.asarray(solution.rest_length)
-    assert tension[[0, 2]] == pytest.approx([1200.0, 900.0], rel=1e-12)
-    assert rest[[1, 3]] == pytest.approx(np.asarray(said.rest_length)[[1, 3]], rel=1e-15)
-    assert jnp.abs(solution.phases[1].displacement_in_phase).max() < 1e-13
-    places = np.asarray(solution.positions)
-    ways = places[1:] - places[0]
-    length = np.linalg.norm(ways, axis=1)
-    assert tension == pytest.approx(1e5 * (length / rest - 1), rel=1e-11)
-    assert np.abs((tension / length) @ ways).max() < 1e-9
-
-
 CATENARY = jc.Structure(
     [[0.0, 0, 0], [20.0, 0, -4], [50.0, 0, 4.0]],
     jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e6, weight=30.0),

@@ -8,7 +8,6 @@ from oracles.convergence import converged
 from oracles.taylor import TIGHT
 
 import jaxcable as jc
-from jaxcable.analysis import phase_inputs
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 3))
 EA = 97.97e3
@@ -55,21 +54,6 @@ def test_a_statement_is_a_prefix_of_the_tree_of_groups(tree):
     some = solved(structure, [jc.Phase(pretension=tree(100.0, None))])
     assert np.allclose(jax.tree.leaves(some.rest_length)[1], 0.4, rtol=1e-14)
     assert jax.tree.leaves(some.phases[0].path.tension)[1].shape == (1, 6)
-
-
-def test_one_number_is_for_groups_that_take_it():
-    """Beams beside cables take no prestress of all; they warm with all if they can."""
-    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
-    beams = [jc.Beams([[0, 1]], section=section, expansion=own) for own in (1e-5, None)]
-    cables = jc.Cables([[0, 1]], axial_stiffness=EA, expansion=1e-5)
-    structure = jc.Structure(np.eye(2, 3), [cables, *beams], jc.clamped([0, 1]))
-    for name, expected in (
-        ("temperature", [False, False, True]),
-        ("pretension", [False, True, True]),
-    ):
-        assert [
-            phase_inputs._skips_single_number(group, name, structure) for group in structure.groups
-        ] == expected
 
 
 def test_one_number_for_each_element_of_the_only_group():

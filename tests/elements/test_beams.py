@@ -216,6 +216,9 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
         elements={name: jc.replace(g, expansion=1e-5) for name, g in MIXED.elements.items()},
     )
     assert all("temperature" in inputs for inputs in jc.Phase(temperature=5.0).inputs(warm))
+    one = jc.replace(warm, elements=warm.elements | {"mast": MIXED.elements["mast"]})
+    guys, mast = jc.Phase(temperature=5.0).inputs(one)
+    assert mast == {} and "temperature" in guys
     mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).inputs(MIXED)[::-1]
     assert guys == {} and mast["pretension"].values.tolist() == [1.0, 1.0]
 
