@@ -106,20 +106,6 @@ def test_the_same_program_serves_all_calls():
     np.testing.assert_array_equal(kept(cases), 2 * cases)
 
 
-@pytest.mark.parametrize("chunk", [0, -1, 2.5, True])
-def test_refuses_a_chunk(chunk):
-    with pytest.raises(ValueError, match=r"chunk = .*: expected a whole number"):
-        jc.batched(tension, chunk)
-
-
-def test_refuses_what_is_no_batch():
-    with pytest.raises(ValueError, match="devices: expected at least one"):
-        jc.batched(tension, devices=[])
-    for cases in ((1.0,), (np.ones(3), np.ones(2)), (np.ones((0, 3)),)):
-        with pytest.raises(ValueError, match="cases: expected arrays with one common leading axis"):
-            jc.batched(lambda *a: a, 2)(*cases)
-
-
 def run(*options):
     """Start the script; its processes share nothing with this one but the cores."""
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}

@@ -218,7 +218,7 @@ def test_taylor_of_a_mast(name):
 # paraboloid (truncation), one ten times as short at the saddle (rounding).
 STEP = 1e-3
 NETS = {  # and how many pretensions
-    "flat": (jc.scenes.flat_net, "pretension", 200.0, 12),
+    "flat": (jc.scenes.flat_net, "pretension", 200.0, 4),
     "hypar": (lambda: jc.scenes.hypar_net(increments=(2, 2)), "jacking", 200.0, 31),
     "saddle": (lambda: jc.scenes.saddle(10, 10), "pretension", 20e3, 12),
 }

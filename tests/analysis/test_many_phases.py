@@ -103,17 +103,10 @@ def test_results_of_phases_are_a_sequence():
         phases = [PRESTRESS, jc.Phase(loads=push(factor), increments=3)]
         return jc.solve(STRUCTURE, phases)
 
-    @traced
-    def whole_and_half_way(factor):
-        solution = load(factor)
-        return solution, solution.phases[1].path.displacement_in_phase[-1, 3, 2]
-
-    batch = traced(jax.vmap(load))(jnp.array([5.0, 10.0]))
-    alone, inside = whole_and_half_way(10.0)
+    batch, alone = traced(jax.vmap(load))(jnp.array([5.0, 10.0])), traced(load)(10.0)
     own = batch.phases[1]
     assert own.displacement.shape == (2, 12, 3) and own.path.tension.shape == (2, 3, 12)
     assert own.path.load_factor.shape == own.path.status.shape == (2, 3)
     np.testing.assert_allclose(own.path.tension[1], alone.phases[1].path.tension, rtol=1e-9)
     picked = jax.tree.map(lambda x: x[1], batch)
     np.testing.assert_array_equal(picked.phases[1].path.residual, own.path.residual[1])
-    assert float(inside) == pytest.approx(float(alone.displacement[3, 2]), rel=1e-9)

@@ -94,27 +94,6 @@ def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_initial_chord(
     assert np.asarray(solution.tension) == pytest.approx(1e3, rel=1e-14)
 
 
-@pytest.mark.slow
-def test_jacks_on_some_cables_of_a_group():
-    """Two are jacked to a force while the others keep their lengths; anchored, nothing moves."""
-    structure, said, _ = stated(1e2)
-    mixed = jc.Phase(
-        jacking=jc.only([0, 2], [1200.0, 900.0]),
-        rest_length=jc.only([1, 3], said.rest_length[jnp.array([1, 3])]),
-        increments=2,
-    )
-    solution = converged(jc.solve(structure, [mixed, jc.Phase()], TIGHT))
-    tension, rest = np.asarray(solution.tension), np.asarray(solution.rest_length)
-    assert tension[[0, 2]] == pytest.approx([1200.0, 900.0], rel=1e-12)
-    assert rest[[1, 3]] == pytest.approx(np.asarray(said.rest_length)[[1, 3]], rel=1e-15)
-    assert jnp.abs(solution.phases[1].displacement_in_phase).max() < 1e-13
-    places = np.asarray(solution.positions)
-    ways = places[1:] - places[0]
-    length = np.linalg.norm(ways, axis=1)
-    assert tension == pytest.approx(1e5 * (length / rest - 1), rel=1e-11)
-    assert np.abs((tension / length) @ ways).max() < 1e-9
-
-
 CATENARY = jc.Structure(
     [[0.0, 0, 0], [20.0, 0, -4], [50.0, 0, 4.0]],
     jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e6, weight=30.0),
@@ -138,14 +117,6 @@ def sags(p):
     return jc.solve(structure, phases, TIGHT).positions
 
 
-def weight_and_stiffness(p):
-    cables = jc.replace(
-        CATENARY.elements, weight=p[0], axial_stiffness=1e4 * p[1], rest_length=33.0
-    )
-    structure = jc.replace(CATENARY, elements=cables)
-    return jc.solve(structure, [jc.Phase(loads=[jc.SelfWeight(), PULL])], TIGHT).positions
-
-
 def chain(p):
     nodes, rest = jc.forms.hanging_chain([0.0, 0, 0], [40.0, 3.0, 8.0], 6, p[0], p[1], 1e3 * p[2])
     return jnp.append(jnp.ravel(nodes), rest)
@@ -160,7 +131,6 @@ def force_densities(p):
 FUNCTIONS = {  # with their numbers and the size of steps
     some_cables: (jnp.array([1.0, 1.2]), 10),
     sags: (jnp.array([1.0, 2.0, 1.0, 1.1, 0.9]), 1),
-    weight_and_stiffness: (jnp.array([30.0, 1e2]), 10),
     chain: (jnp.array([5.0, 2.5, 1.0]), 10),
     force_densities: (jnp.asarray(crossed().nodes), 0.1),
 }
@@ -178,49 +148,3 @@ def test_taylor(function):
         return jnp.sum(jnp.sin(1.0 + jnp.arange(len(numbers))) * numbers)
 
     assert_gradient(number, p, size, corrupted=1.1)
-
-
-REFUSED = {
-    r"pretension: elements\[0\] = 7: the group has elements 0 to 3": {
-        "pretension": jc.only([7], 1.0)
-    },
-    "pretension: expected a boolean for each of 4 elements, got 2": {
-        "pretension": jc.only([True, False], 1.0)
-    },
-    "pretension, rest_length: both state the prestress of element 2 of elements": {
-        "pretension": jc.only([0, 2], 1.0),
-        "rest_length": jc.only([2, 3], 1.0),
-    },
-    "jacking, shortening: a jack keeps the force of element 1 of elements": {
-        "jacking": jc.only([1], 1.0),
-        "shortening": 0.1,
-    },
-    r"pretension\[1\] = -1.0: a cable carries tension only": {"pretension": jc.only([1], -1.0)},
-    "sag: only catenaries with a weight": {"sag": 1.0},
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_refused(message):
-    with pytest.raises(ValueError, match=message):
-        jc.solve(crossed(), jc.Phase(**REFUSED[message]))
-
-
-def test_refused_elsewhere():
-    law = jc.Polygonal([-0.1, 0, 0.1], [-1e3, 0, 2e3])
-    bar = jc.Structure(np.eye(2, 3), jc.Bars([[0, 1]], area=1.0, law=law), jc.pinned([0, 1]))
-    for message, call in (
-        ("element 1 is named twice", lambda: jc.only([1, 1], 2.0)),
-        (r"values: expected a scalar or shape \(2,\)", lambda: jc.only([1, 2], [1.0, 2.0, 3.0])),
-        (
-            r"pretension\[0\] = -1001.0: more than the law of the element can",
-            lambda: jc.solve(bar, jc.Phase(pretension=-1001.0)),
-        ),
-        ("n = 1", lambda: jc.forms.hanging_chain([0, 0, 0], [1, 0, 0], 1, 1.0, 1.0, 1.0)),
-        (
-            "structure: has no catenaries",
-            lambda: jc.forms.catenary_curves(crossed(), stated(1e2)[2]),
-        ),
-    ):
-        with pytest.raises(ValueError, match=message):
-            call()

@@ -10,6 +10,7 @@ import hypothesis
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from oracles.convergence import converged
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
@@ -90,8 +91,9 @@ def analyse(numbers, told=PLAIN, further=0.0):
         jc.LineLoads(F / L * (turn @ numbers["wind"])),
     ]
     pretension = {"guys": F * numbers["pretension"]}
-    solution = jc.solve(structure, [jc.Phase(pretension=pretension), jc.Phase(loads=loads)], EXACT)
-    assert int(solution.status) == 0
+    solution = converged(
+        jc.solve(structure, [jc.Phase(pretension=pretension), jc.Phase(loads=loads)], EXACT)
+    )
     displacement = np.asarray(solution.displacement)[told.order] @ turn / L
     tensions = [np.ravel(solution.tension[name]) / F for name in ("guys", "strut", "chain")]
     return displacement, np.concatenate(tensions)
@@ -118,14 +120,14 @@ seeds = st.integers(0, 2**31 - 1)
 
 
 @ODD
-@examples(8)
+@examples(5)
 @hypothesis.given(seeds, st.floats(-3, 3), st.floats(-3, 3))
 def test_units_do_not_matter(seed, length, force):
     numbers = draw(seed)
     assert_same(analyse(numbers, Statement(10**length, 10**force)), analyse(numbers))
 
 
-@examples(8)
+@examples(5)
 @hypothesis.given(seeds, st.integers(0, 2**31 - 1))
 def test_axes_do_not_matter(seed, turned):
     numbers = draw(seed)
@@ -133,7 +135,7 @@ def test_axes_do_not_matter(seed, turned):
     assert_same(analyse(numbers, Statement(turn=turn)), analyse(numbers))
 
 
-@examples(8)
+@examples(5)
 @hypothesis.given(seeds, st.permutations(range(7)))
 def test_the_order_of_nodes_does_not_matter(seed, order):
     numbers = draw(seed)

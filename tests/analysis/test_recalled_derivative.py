@@ -7,7 +7,6 @@ import pytest
 from oracles.traced import traced
 
 import jaxcable as jc
-from jaxcable.analysis import one_phase, phase_loop, recalled_derivative
 
 POINTS = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 3.0, 2.0]]
 DOWN = jnp.array([0.0, 0.0, -1.0])
@@ -98,53 +97,42 @@ def scaled_net(scale):
     return jc.solve(moved, phases).displacement[FREE]
 
 
-def test_transformations_of_linear_maps():
-    """What `jax.linearize` and `jax.vjp` return, compiled, batched twice, transposed, later."""
-    scale, change = np.array([0.1, 0.2]), np.array([1.0, 0.5])
-    exact = traced(jax.jacfwd(scaled_net))(scale)
-    found, push = jax.linearize(scaled_net, scale)
-    ones, total = np.ones(found.shape), exact.sum((0, 1))
-    pull = jax.vjp(scaled_net, scale)[1]
-    several = jax.vmap(jax.vmap(push))(np.eye(2)[None])[0]
+SCALE, CHANGE = np.array([0.1, 0.2]), np.array([1.0, 0.5])
+ONES = np.ones((6, 3))  # as the displacements of the net
+LINEAR = {  # of both linear maps: part of the Jacobian, and what computes it
+    "push": ("along", lambda push, _: push(CHANGE)),
+    "jit of push": ("along", lambda push, _: jax.jit(push)(CHANGE)),
+    "batch of batches": ("rows", lambda push, _: jax.vmap(jax.vmap(push))(np.eye(2)[None])[0]),
+    "pull": ("sums", lambda _, pull: pull(ONES)[0]),
+    "jit of pull": ("sums", lambda _, pull: jax.jit(pull)(ONES)[0]),
+    "transpose of push": ("sums", lambda push, _: jax.linear_transpose(push, SCALE)(ONES)[0]),
+    "gradient of pull": ("along", lambda _, pull: jax.grad(lambda x: pull(x)[0] @ CHANGE)(ONES)),
+    "gradient of batch": (
+        "twice",
+        lambda push, _: jax.grad(lambda x: jax.vmap(push)(x).sum())(np.eye(2)),
+    ),
+    "jacrev": ("all", lambda *_: jax.jacrev(scaled_net)(SCALE)),
+}
+
+
+@pytest.fixture(scope="module")
+def linear_maps():
+    """Parts of the Jacobian of the net, and what `jax.linearize` and `jax.vjp` return of it."""
+    J = traced(jax.jacfwd(scaled_net))(SCALE)
+    sums = J.sum((0, 1))
+    parts = {"all": J, "along": J @ CHANGE, "rows": np.moveaxis(J, -1, 0), "sums": sums}
+    maps = jax.linearize(scaled_net, SCALE)[1], jax.vjp(scaled_net, SCALE)[1]
     jc.forget_programs()
-    pairs = [
-        (push(change), exact @ change),
-        (jax.jit(push)(change), exact @ change),
-        (several, np.moveaxis(exact, -1, 0)),
-        (pull(ones)[0], total),
-        (jax.jit(pull)(ones)[0], total),
-        (jax.linear_transpose(push, scale)(ones)[0], total),
-        (jax.grad(lambda x: pull(x)[0] @ change)(ones), exact @ change),
-        (jax.grad(lambda x: jax.vmap(push)(x).sum())(np.eye(2)), np.tile(total, (2, 1))),
-        (jax.jacrev(scaled_net)(scale), exact),
-    ]
-    for own, other in pairs:
-        np.testing.assert_allclose(own, other, rtol=0, atol=1e-9 * np.abs(other).max())
+    return parts | {"twice": np.tile(sums, (2, 1))}, maps
 
 
-def test_nothing_is_solved_again(monkeypatch):
-    """The value is the program of `solve`; its derivative traces no iteration."""
-    measure, load = KINDS["net"]
-    nodes = np.array(POINTS) * 1.001
-    measure(load, nodes)
-    before = set(phase_loop.analyse.known)
-
-    def refuse(*_):
-        raise AssertionError("the increments are solved again")
-
-    monkeypatch.setattr(one_phase.newton, "solve_increments", refuse)
-    recalled_derivative.recalled_results.known.clear()
-    rate = jax.grad(measure)(load, nodes)
-    assert set(phase_loop.analyse.known) == before
-    jax.grad(measure)(1.1 * load, 1.001 * nodes)
-    (program,) = recalled_derivative.recalled_results.known.values()
-    assert len(program.known.programs) == 1  # the changes, of which the transpose is made
-    h = 1e-3 * load  # error of fourth order: 1e-12 of the fifth derivative
-    f = [measure(load + k * h, nodes) for k in (-2, -1, 1, 2)]
-    np.testing.assert_allclose(rate, (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h), rtol=1e-7)
-    jax.clear_caches()  # of what was traced before
-    with pytest.raises(AssertionError, match="solved again"):  # within `jit` it is one program
-        jax.jit(jax.grad(measure))(load, nodes)
+@pytest.mark.slow_cases("jit of push", "jit of pull", "gradient of batch", "batch of batches")
+@pytest.mark.parametrize("name", LINEAR)
+def test_transformations_of_linear_maps(linear_maps, name):
+    """They are called later, when their programs have been forgotten."""
+    (parts, maps), (part, compute) = linear_maps, LINEAR[name]
+    size = 1e-9 * np.abs(parts[part]).max()
+    np.testing.assert_allclose(compute(*maps), parts[part], rtol=0, atol=size)
 
 
 def test_a_failed_analysis_has_no_derivative():

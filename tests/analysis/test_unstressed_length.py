@@ -43,17 +43,6 @@ def test_heat_keeps_mass():
         np.testing.assert_allclose(stiffness / np.sum(found.squared), mass, rtol=1e-12)
 
 
-@pytest.mark.slow
-def test_a_warm_catenary_takes_the_sag_that_is_stated():
-    nodes = [[0.0, 0.0, 0.0], [60.0, 0.0, 10.0]]
-    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e7, weight=30.0, expansion=1.2e-5)
-    structure = jc.Structure(nodes, cable, jc.pinned([0, 1]))
-    phases = [jc.Phase(temperature=500.0), jc.Phase(sag=3.0, loads=jc.SelfWeight())]
-    solution = converged(jc.solve(structure, phases))
-    found = jc.forms.equivalent_prestress(structure, solution).sag
-    np.testing.assert_allclose(found, 3.0, rtol=1e-12)  # 6e-3 of it if heat made weight
-
-
 def test_snow_on_the_area_after_prestress():
     """The plan area of the moved mesh, by the shoelace formula."""
     structure, _ = jc.scenes.flat_net()
@@ -69,16 +58,3 @@ def test_snow_on_the_area_after_prestress():
     assert abs(areas[2] / areas[1] - 1) > 1e-7  # which is not measured again
     assert abs(areas[1] / areas[0] - 1) > 1e-5  # ten million roundings
     np.testing.assert_allclose(-solution.load[:, 2].sum(), 500.0 * areas[1], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (lambda: jc.LineLoads((0, 0, -1.0), geometry="begun"), "unstressed lengths have no"),
-        (lambda: jc.LineLoads((0, 0, -1.0), per="initial", geometry="now"), "geometry = 'now'"),
-        (lambda: jc.AreaLoads([[0, 1, 2]], (0, 0, -1.0), geometry="now"), "geometry = 'now'"),
-    ],
-)
-def test_refused_geometries(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()

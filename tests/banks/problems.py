@@ -98,38 +98,3 @@ def assert_balanced(solution):
     n_free = solution.displacement.size
     total = np.abs((np.asarray(solution.reactions) + np.asarray(solution.load)).sum(0)).max()
     assert total <= n_free * float(path.residual[-1]) + 64 * np.finfo(float).eps * forces
-
-
-# --- random tension-only nets
-
-
-def random_net(seed, n_free=8, n_fixed=5):
-    """A connected net of cables with random lengths, stiffness and loads; many go slack.
-
-    Returns nodes, links, axial stiffness, unstressed length, forces on the free nodes, anchors,
-    free nodes.
-    """
-    rng = np.random.default_rng(seed)
-    nodes = rng.uniform(-1, 1, (n_free + n_fixed, 3)) * [3, 3, 1]
-    links = set()
-    for k in range(n_fixed, n_fixed + n_free):
-        for j in rng.choice(k, size=2 if rng.random() < 0.7 else 1, replace=False):
-            links.add((int(j), k))
-    while len(links) < 2.2 * n_free:
-        i, j = sorted(int(v) for v in rng.choice(n_free + n_fixed, 2, replace=False))
-        if j >= n_fixed:
-            links.add((i, j))
-    links = np.array(sorted(links))
-    length = np.linalg.norm(nodes[links[:, 0]] - nodes[links[:, 1]], axis=1)
-    rest = length * rng.uniform(0.9, 1.3, len(links))
-    stiffness = 1e4 * 10 ** rng.uniform(-1, 1, len(links))
-    forces = rng.normal(size=(n_free, 3)) * 10 ** rng.uniform(0, 3)
-    return (
-        nodes,
-        links,
-        stiffness,
-        rest,
-        forces,
-        np.arange(n_fixed),
-        np.arange(n_fixed, n_fixed + n_free),
-    )

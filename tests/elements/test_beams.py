@@ -110,7 +110,7 @@ def test_a_cantilever_bends_into_a_half_circle():
     errors = []
     for n in (5, 10, 20):
         load = jc.NodalLoads([n], (0, 0, 0.0), moments=(0, -np.pi * EI, 0))
-        solution = converged(jc.solve(beam(n, BOX), [jc.Phase(loads=load, increments=10)]))
+        solution = converged(jc.solve(beam(n, BOX), [jc.Phase(loads=load, increments=5)]))
         tip = np.asarray(solution.positions)[n]
         errors.append(np.linalg.norm(tip - [0, 0, 2 / np.pi]))
         assert np.abs(np.asarray(solution.rotation)[n]).argmax() == 2  # half a turn about y
@@ -192,33 +192,6 @@ def test_a_toggle_is_pushed_through_its_limit_point():
     assert np.abs(-np.array(mine) - peer).max() < 2e-3 * np.abs(peer).max()
 
 
-# --- buckling and axial force
-
-
-def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
-    n, length = 4, 4.0
-    mask = in_plane(n + 1).mask.array.copy()
-    mask[[0, n], 2] = mask[0, 0] = True
-    structure = beam(n, BOX, length, jc.Supports(mask))
-
-    @traced
-    def lowest(force):
-        load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
-        solution = jc.solve(structure, [jc.Phase(loads=load)])
-        return jnp.linalg.eigvalsh(jc.stiffness.tangent_stiffness(structure, solution))[
-            0
-        ], solution.status
-
-    euler = np.pi**2 * EI / length**2
-    low, high = 0.9 * euler, 1.1 * euler
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        value, code = lowest(middle)
-        assert int(code) == 0
-        low, high = (middle, high) if value > 0 else (low, middle)
-    assert abs(low / euler - 1) < 1e-3
-
-
 # --- loads, hinges, mixed structures
 
 
@@ -243,6 +216,9 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
         elements={name: jc.replace(g, expansion=1e-5) for name, g in MIXED.elements.items()},
     )
     assert all("temperature" in inputs for inputs in jc.Phase(temperature=5.0).inputs(warm))
+    one = jc.replace(warm, elements=warm.elements | {"mast": MIXED.elements["mast"]})
+    guys, mast = jc.Phase(temperature=5.0).inputs(one)
+    assert mast == {} and "temperature" in guys
     mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).inputs(MIXED)[::-1]
     assert guys == {} and mast["pretension"].values.tolist() == [1.0, 1.0]
 

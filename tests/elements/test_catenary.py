@@ -221,8 +221,9 @@ def test_stiff_spans_of_which_one_starts_slack(lengths, stiffness):
     )
     structure = jc.Structure(nodes, cables, jc.pinned([0, 2]))
     loads = jc.NodalLoads([1], (0.0, 0.0, -3e3))
-    solution = jc.solve(structure, [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=loads)])
-    assert int(solution.status) == status.OK
+    solution = converged(
+        jc.solve(structure, [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=loads)])
+    )
     assert max(int(jnp.max(phase.path.iterations)) for phase in solution.phases) <= 30
 
     elements = [
@@ -361,17 +362,3 @@ def test_a_plumb_span_has_no_midspan():
 
 
 # --- in an analysis
-
-
-def test_a_catenary_refuses_laws_and_sags():
-    with pytest.raises(ValueError, match="a catenary is elastic"):
-        jc.Catenaries([[0, 1]], area=1.0, law=jc.Elastic(1.0))
-    for text, weight, phase in (
-        (r"jacking\[0\] = 0.0: must be positive: a cable that hangs", 40.0, {"jacking": 0.0}),
-        (r"phases\[0\]\.sag: only catenaries with a weight can", None, {"sag": 1.0}),
-        (r"sag\[0\] = 0.0: a sag must be positive", 40.0, {"sag": 0.0}),
-    ):
-        cable = jc.Catenaries([[0, 1]], axial_stiffness=2e6, weight=weight)
-        structure = jc.Structure([[0.0, 0, 0], [60.0, 0, 0]], cable, jc.pinned([0, 1]))
-        with pytest.raises(ValueError, match=text):
-            jc.solve(structure, [jc.Phase(**phase)])

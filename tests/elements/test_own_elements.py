@@ -15,7 +15,6 @@ from oracles.traced import traced
 
 import jaxcable as jc
 from jaxcable.common import memory_limit, status
-from jaxcable.elements.element import Result
 from jaxcable.mechanics.assembly import System
 
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
@@ -97,57 +96,14 @@ def test_own_elements_in_every_result(tmp_path):
     assert (np.asarray(found.displacement) == np.asarray(solution.displacement)).all()
 
 
-def test_what_own_elements_cannot_do_is_refused_by_name():
+def test_what_cannot_be_said_of_their_state_is_refused_by_name():
+    """What needs no state is in `tests/analysis/test_refused.py`."""
     structure, solution = own()
-    hooks = r"elements\['hooks'\] \(Hooks\)"
-    groups = {k: structure.elements[k] for k in ("net", "hooks", "rods")}
-    plain = jc.replace(structure, elements=groups)
-    line = jc.LineLoads((1.0, 0, 0), on="hooks")
-    pressure = jc.CablePressure(1.0, (0.0, 1.0, 0.0), on="hooks", per="unstressed")
-
-    def solve(method=None, **phase):
-        return lambda: jc.solve(plain, jc.Phase(**phase), method)
-
-    for text, call in (
-        (rf"{hooks} is not made of straight", lambda: jc.find_form(plain, tension={"hooks": 1.0})),
-        (rf"{hooks} is not made of straight", lambda: jc.forms.self_stress(plain)),
-        (
-            rf"{hooks} has no strain along an axis \(ability `Uniaxial`\)",
-            lambda: jc.design.slack_distance(plain, solution),
-        ),
-        (
-            rf"{hooks} has slack elements, whose unst",
-            lambda: jc.stiffness.buckling_factor(structure, solution),
-        ),
-        (rf"{hooks} has no unstressed length; give per", solve(loads=pressure)),
-        (rf"{hooks} cannot be added or removed", solve(removes="rods")),
-        (rf"{hooks} has no length to load", solve(loads=line)),
-        (rf"secant.*{hooks}", solve(jc.Incremental(stiffness="secant"))),
-        (
-            "pretension.'hooks'.: a group of Hooks cannot be prestressed",
-            solve(pretension={"hooks": 1.0}),
-        ),
-        (
-            "both state the prestress of elements.'net'",
-            solve(pretension={"net": 1.0}, prestrain={"net": 1e-3}),
-        ),
-    ):
-        with pytest.raises(ValueError, match=text):
-            call()
-
-
-@pytest.mark.parametrize(
-    ("result", "message"),
-    [
-        (Result("displacement", "m"), "'displacement' is the name of a result of nodes"),
-        (Result("tension", "kN"), "'tension' is a result of another group with another unit"),
-    ],
-)
-def test_names_of_results_mean_one_thing(result, message):
-    ground = object.__new__(type("Telling", (GroundSprings,), {"results": (result,)}))
-    vars(ground).update(vars(GroundSprings([[1]], K)))
-    with pytest.raises(ValueError, match=message):
-        jc.replace(mixed(), elements={"net": mixed().elements["net"], "ground": ground})
+    plain = jc.replace(structure, elements={k: structure.elements[k] for k in ("net", "hooks")})
+    with pytest.raises(ValueError, match=r"'hooks'\] \(Hooks\) has no strain along an axis \(abil"):
+        jc.design.slack_distance(plain, solution)
+    with pytest.raises(ValueError, match=r"'hooks'\] \(Hooks\) has slack elements, whose unst"):
+        jc.stiffness.buckling_factor(structure, solution)
 
 
 @pytest.mark.slow
@@ -210,12 +166,8 @@ def test_a_follower_force_of_an_element(solver):
         assert abs(wrong - slope[0]) > 1e-3
 
 
-def test_what_needs_symmetry_is_refused():
+def test_flexibility_of_an_unsymmetric_tangent():
     structure, solution = thrown(3.0)
-    named = r": elements\['push'\] \(Thrusters\) has symmetric = False"
-    for call in (jc.stiffness.buckling_factor, jc.stiffness.modes, jc.dynamics.modes):
-        with pytest.raises(ValueError, match=call.__name__ + named):
-            call(structure, solution)
     given = jc.stiffness.flexibility(structure, solution, [1], "xy")
     tangent = np.asarray(jc.stiffness.tangent_stiffness(structure, solution))
     assert_allclose(given, np.linalg.inv(tangent), rtol=1e-10)
@@ -348,22 +300,6 @@ def test_time_reaches_a_law_that_creeps():
 # --- moments without a potential, memory, warnings
 
 
-def test_a_torque_buckles_a_column_as_if_semi_tangential():
-    """pi EI / L for a moment that turns with half of the rotation of its node (Ziegler 1968)."""
-    n, length = 16, 6.0
-    section = jc.Section.box(0.1, 0.1, 0.005, jc.Elastic(210e9))
-    inertia = (0.1**4 - 0.09**4) / 12
-    beams = jc.Beams([[k, k + 1] for k in range(n)], section=section)
-    nodes = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, length], n + 1)
-    structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
-    load = jc.NodalLoads([n], (0.0, 0.0, 0.0), moments=(0.0, 0.0, 50.0))
-    solution = converged(jc.solve(structure, jc.Phase(loads=load)))
-    with pytest.warns(jc.InputWarning, match="semi-tangential"):
-        found = jc.stiffness.buckling_factor(structure, solution)
-    # of order 2 in the length of elements: 4.6 % of 8, 1.2 % of 16
-    assert_allclose(50.0 * found.factor[0], np.pi * 210e9 * inertia / length, rtol=0.015)
-
-
 def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
     assert 2**20 < memory_limit.available_bytes() < 2**50
     memory_limit.require_memory(1.0, "nothing", "")
@@ -385,45 +321,3 @@ def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
             ValueError, match=r"needs about .* MiB of .*, and 0.00191 MiB are left; "
         ):
             call(structure, solution)
-
-
-SINGLE = NODES.astype(np.float32)
-FAR = (NODES + np.array([3512345.12, 5411111.0, 400.0])).astype(np.float32)
-NUMBERS = {  # a call, what is suspicious, what is not, and the warning
-    "degrees": (
-        lambda v: jc.SupportMovement([0, 1], None, rotations=[[0.0, 0.1, 0.0], [0.0, v, 0.0]]),
-        *(5.0, np.pi, r"rotations\[1\]: a rotation of 5 rad is 286.479 degrees"),
-    ),
-    "coordinates of maps": (
-        lambda v: jc.Structure(v, {"net": mixed().elements["net"]}, jc.pinned([0, 2, 3])),
-        *(FAR, SINGLE, r"resolution of 0.5 m in float32, .*\['net'\], which are 5 m"),
-    ),
-    "lighter than any solid": (
-        lambda v: jc.Structure(
-            NODES[:2],
-            jc.Bars([[0, 1]], area=1e-3, law=jc.Elastic(210e9), weight=v),
-            jc.pinned([0]),
-        ),
-        *(0.077, 77.0, r"weight\[0\] = 0.077: less than 100 N/m3 with its area.*\"units\""),
-    ),
-    "stiffer for its weight than any material": (
-        lambda v: jc.Structure(
-            NODES[:2], jc.Cables([[0, 1]], axial_stiffness=2.1e7, weight=v), jc.pinned([0])
-        ),
-        *(0.0077, 7.7, r"weight\[0\] = 0.0077: the stiffness EA is more than 1e9 m times this"),
-    ),
-    "softer than rubber": (
-        lambda v: jc.Structure(
-            NODES[:2], jc.Cables([[0, 1]], area=1e-4, law=jc.Elastic(v)), jc.pinned([0])
-        ),
-        *(2.1e5, 2.1e11, r"law: its modulus is 210000 Pa, softer than rubber; is it in MPa"),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", NUMBERS)
-def test_numbers_in_other_units_are_suspected(name):
-    make, suspicious, sound, text = NUMBERS[name]
-    with pytest.warns(jc.InputWarning, match=text):
-        make(suspicious)
-    make(sound)  # warnings are errors

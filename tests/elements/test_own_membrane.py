@@ -121,24 +121,6 @@ def test_a_pretension_of_two_components():
         return stretched({"one": every * value, "two": every * value})[0][0, 0]
 
     assert_allclose(jax.grad(warp)(1.0), 300.0, rtol=1e-12)
-    for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
-        with pytest.raises(ValueError, match=r"pretension.*one number, or shape \(9, 2\)"):
-            stretched({"one": wrong})
-    with pytest.raises(ValueError, match="the columns warp, weft"):
-        stretched({"one": {"warp": 300.0, "weft": 120.0}})
-    cable = jc.Cables([[0, 1]], axial_stiffness=ET)
-    structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
-    with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
-        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
-
-
-def test_components_are_refused_where_nothing_takes_them():
-    with pytest.raises(ValueError, match=r"values: expected a scalar or shape \(2,\)"):
-        jc.only([0, 1], np.ones((3, 2)))
-    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=ET)
-    structure = jc.Structure(np.eye(3), cables, jc.pinned([0, 2]))
-    with pytest.raises(ValueError, match=r"q: expected a scalar or shape \(2,\)"):
-        jc.force_density(structure, jc.only([0, 1], np.ones((2, 2))))
 
 
 def test_files_and_commands_know_components(tmp_path, capsys):
@@ -184,44 +166,6 @@ def hung(prestrain=0.01, load=1.0):
 once = functools.cache(hung)
 
 
-def energy(structure, rest, places):
-    """Of cables by their lengths, and of triangles by products of their sides, old and new."""
-
-    def sides(nodes):
-        a, b, c = (nodes[structure.elements["sheet"].links.array[:, k]] for k in range(3))
-        both = jnp.stack([b - a, c - a], axis=1)
-        return both @ jnp.swapaxes(both, 1, 2)
-
-    old, new = sides(structure.nodes), sides(places)
-    strain = 0.5 * jnp.linalg.solve(old, new - old) + 0.01 * jnp.eye(2)[None]
-    area, trace = 0.5 * jnp.sqrt(jnp.linalg.det(old)), jnp.trace(strain, axis1=1, axis2=2)
-    square = NU * trace**2 + (1 - NU) * jnp.sum(strain * jnp.swapaxes(strain, 1, 2), axis=(1, 2))
-    i, j = structure.elements["edges"].links.array.T
-    longer = jnp.linalg.norm(places[j] - places[i], axis=1) - rest
-    cloth = 0.5 * ET / (1 - NU**2) * jnp.sum(area * square)
-    return cloth + jnp.sum(0.5 * 1e5 * longer**2 / rest)
-
-
-@pytest.mark.slow
-def test_a_sheet_between_cables_is_in_balance():
-    """The load is the slope of an energy written apart; the work of all forces is stored."""
-    structure, phases, solution = once()
-    assert solution.status == status.OK
-    assert (solution.tension["edges"] > 0).all()
-    pull = jax.grad(energy, 2)(structure, solution.rest_length["edges"], solution.positions)
-    load = roof()[1]
-    left = np.asarray(pull)[load.nodes.array] - np.asarray(load.forces)
-    assert np.abs(left).max() < 1e-7  # tol 1e-10 of some 500 N
-    assert np.abs(np.asarray(solution.displacement)).max() > 0.01
-    assert solution.tension["sheet"] is None and solution.rest_length["sheet"] is None
-    assert solution.results["membrane_forces"]["edges"] is None
-    assert solution.phases[1].path.results["membrane_forces"]["sheet"].shape == (3, 32, 3)
-    assert list(solution.element_results) == ["tension", "peak_tension", "membrane_forces"]
-    found = jc.energy_balance(structure, phases, solution)
-    assert found.level[0] > 0 and found.dead[1] > 0
-    assert found.relative_imbalance[1] < 0.05  # trapezoidal rule with 3 increments
-
-
 @pytest.mark.slow
 def test_gradient_by_prestrain_and_load():
     def sag(p):
@@ -233,6 +177,7 @@ def test_gradient_by_prestrain_and_load():
 
 def test_files_pictures_and_reports(tmp_path):
     structure, phases, solution = once()
+    assert list(solution.element_results) == ["tension", "peak_tension", "membrane_forces"]
     jc.save_scene(tmp_path / "roof.json", (structure, phases))
     again = converged(jc.solve(*jc.load_scene(tmp_path / "roof.json")))
     told = np.asarray(solution.results["membrane_forces"]["sheet"])
@@ -321,18 +266,6 @@ def test_areas_in_reports_and_info(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "Membranes: 32 elements, areas 0.03125 m2, 1 m2 in total" in told
     assert "weighs 19.6133 N in total, 2 kg/m2" in told
-
-
-def test_what_it_does_not_take_is_refused():
-    structure, _ = roof()
-    square, phase = taut(2)
-    line = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1.0)))
-    for name in ("pretension", "jacking"):
-        stated = jc.Phase(**{name: {"sheet": 100.0, "edges": None}})
-        with pytest.raises(ValueError, match=f"Membranes have no {name}; they take prestrain"):
-            jc.solve(structure, stated)
-    with pytest.raises(ValueError, match=r"elements \(Membranes\) has no length to load"):
-        jc.solve(square, [phase, line])
 
 
 def taut(n, weight=9.80665):

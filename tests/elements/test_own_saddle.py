@@ -66,42 +66,6 @@ def test_forces_are_those_of_euler_and_of_the_clamp():
     assert_allclose(solution.reactions[0], np.array([-0.6, 0.0, -0.8]) * first[-1], rtol=1e-8)
 
 
-HANGING = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [3.0, 0.0, 4.0]])
-WEIGHT, PUSH = np.array([0.0, 0.0, -600.0]), np.array([200.0, 30.0, -300.0])
-
-
-def hung(elements, *phases):
-    """A rope between fixed ends, whose saddle hangs in it."""
-    structure = jc.Structure(HANGING, elements, jc.pinned([0, 2]))
-    return jc.solve(structure, list(phases))
-
-
-@pytest.mark.slow
-def test_a_clamped_rope_is_two_cables():
-    """The clamp is closed where a rope without friction has come to rest; then the load grows."""
-    weight, push = (jc.NodalLoads([1], force) for force in (WEIGHT, PUSH))
-    first = jc.Phase(pretension=500.0, loads=weight)
-    ropes = {"rope": Saddles([[0, 1, 2]], EA)}
-    clamped = hung(ropes, first, jc.Phase(clamped=1, loads=push, increments=3))
-    free = hung(ropes, first, jc.Phase(loads=push))
-    slides = hung(jc.SlidingCables([[0, 1, 2]], axial_stiffness=EA), first, jc.Phase(loads=push))
-    assert clamped.status == free.status == slides.status == status.OK
-    assert_allclose(free.displacement, slides.displacement, atol=1e-9)  # of more than 1 cm
-    places = clamped.phases[0].positions
-    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    forces = np.asarray(clamped.phases[0].results["rope_forces"]["rope"][0])
-    assert_allclose(forces[0], forces[1], rtol=1e-9)
-    links, rest = [[0, 1], [1, 2]], lengths / (1 + forces / EA)
-    cables = hung(
-        jc.Cables(links, axial_stiffness=EA, rest_length=rest),
-        jc.Phase(loads=jc.NodalLoads([1], WEIGHT + PUSH), increments=3),
-    )
-    assert cables.status == status.OK
-    assert_allclose(clamped.displacement, cables.displacement, atol=1e-9)
-    assert_allclose(clamped.results["rope_forces"]["rope"][0], cables.tension, rtol=1e-8)
-    assert np.abs(clamped.displacement - free.displacement).max() > 0.01
-
-
 def end(p):
     """Where the end is after five phases, by friction, and the force in the anchor after two."""
     solution = jc.solve(rope(), history(MU * p)[:5])
@@ -116,46 +80,7 @@ def test_gradient_by_a_statement():
     assert_allclose(many[1], end(1.0)[0], rtol=1e-10)
 
 
-WIRE = jc.Cables([[1, 2]], axial_stiffness=EA)
-
-
-@pytest.mark.parametrize(
-    ("own", "message"),
-    [
-        (
-            {"clamp": 1.0},
-            r"own\['clamp'\]: no group of the structure has an input 'clamp'; there are 'fric",
-        ),
-        ({"pretension": 1.0}, r"own: 'pretension' is an argument of Phase: Phase\(pretension="),
-        ({"increments": 1.0}, "own: 'increments' is an argument"),
-        (3.0, r"own: expected a dict of inputs by name, got"),
-        ({"clamped": 1.0}, r"own: 'clamped' is an argument of Phase: Phase\(clamped="),
-        ({"friction": True}, "friction: expected numbers, got bool"),
-        ({"friction": {"ropes": -0.1}}, r"\['ropes'\]\[0\] = -0.1: must not be negative"),
-        (
-            {"friction": {"wire": 0.1}},
-            r"\['wire'\]: an input of Saddles; this group is made of Cables",
-        ),
-        (
-            {"friction": {"rope": 0.1}},
-            r"own\['friction'\]: no group 'rope' in .* did you mean 'ropes'",
-        ),
-        (
-            {"friction": {"ropes": [0.1, 0.2]}},
-            r"own\['friction'\]\['ropes'\]: expected a scalar or shape \(1,\)",
-        ),
-    ],
-)
-def test_wrong_statements_are_refused(own, message):
-    structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)
-    with pytest.raises(ValueError, match=message):
-        jc.solve(structure, jc.Phase(own=own))
-
-
 def test_traced_numbers_keep_their_rules():
-    with pytest.raises(ValueError, match=r"stiffness\[0\] = -1.0: must be positive"):
-        Saddles([[0, 1, 2]], -1.0)
-
     def code(stiffness, friction):
         ropes = Saddles([[0, 1, 2]], stiffness)
         return jc.solve(rope(ropes=ropes), history(friction)[:1]).status

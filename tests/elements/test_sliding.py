@@ -37,50 +37,6 @@ def test_pulley_has_one_tension():
     assert sines == pytest.approx(8 / length, rel=1e-10)
 
 
-@pytest.mark.slow
-def test_closed_loop():
-    """A loop round three fixed corners and a node that is pulled out: one tension, equilibrium."""
-    nodes = np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 2.0, 0], [1.0, 0.9, 0.5]])
-    loop = jc.SlidingCables([[0, 1, 3, 2, 0]], axial_stiffness=1e5)
-    structure = jc.Structure(nodes, loop, jc.pinned([0, 1, 2]))
-    solution = jc.solve(
-        structure,
-        [jc.Phase(prestrain=0.02), jc.Phase(loads=jc.NodalLoads([3], (50.0, 0, 0)))],
-        TIGHT,
-    )
-    assert int(solution.status) == 0
-    p, force = np.asarray(solution.positions), float(solution.tension[0])
-    ways = [p[1] - p[3], p[2] - p[3]]
-    pull = sum(way / np.linalg.norm(way) for way in ways) * force
-    assert pull == pytest.approx([-50.0, 0, 0], abs=1e-8)
-    length = sum(np.linalg.norm(p[j] - p[i]) for i, j in ((0, 1), (1, 3), (3, 2), (2, 0)))
-    rest = float(solution.rest_length[0])
-    assert force == pytest.approx(1e5 * (length / rest - 1), rel=1e-11)
-    assert np.asarray(solution.reactions.sum(0)) == pytest.approx([-50.0, 0, 0], abs=1e-8)
-
-
-@pytest.mark.slow
-def test_ropes_of_different_lengths_fill_up():
-    """A group of a long and a short rope is the same as two groups; of two nodes, as a cable."""
-    nodes = np.array([[0.0, 0, 0], [1.0, 0, -1], [2.0, 0, 0], [3.0, 0, -1], [4.0, 0, 0]])
-    chains, rest = [[0, 1, 2], [0, 1, 2, 3, 4], [1, 3]], [2.6, 5.3, 1.9]
-    kinds = jc.SlidingCables, jc.SlidingCables, jc.Cables
-    apart = [
-        kind([chain], axial_stiffness=1e4, rest_length=r)
-        for kind, chain, r in zip(kinds, chains, rest, strict=True)
-    ]
-    together = jc.SlidingCables(chains, axial_stiffness=1e4, rest_length=rest)
-    loads = jc.Phase(loads=jc.NodalLoads([1, 3], (1.0, 0, -80.0)))
-    one, three = (
-        jc.solve(jc.Structure(nodes, e, jc.pinned([0, 2, 4])), [loads], TIGHT)
-        for e in (together, apart)
-    )
-    assert int(one.status) == int(three.status) == 0
-    assert np.asarray(one.positions) == pytest.approx(np.asarray(three.positions), abs=1e-12)
-    assert np.asarray(one.tension) == pytest.approx(np.concatenate(three.tension), rel=1e-12)
-    assert (np.asarray(one.tension) > 0).all()
-
-
 def test_jack_pulls_a_running_rope():
     """Held at its force while it is jacked; anchored, nothing moves."""
     structure, phase = pulley()
@@ -161,28 +117,3 @@ def test_gradients():
         "weight": [60.0],
     }
     assert_gradient(*joined(weighed, p), corrupted=1.02)
-
-
-def rope(links):
-    return jc.SlidingCables(links, axial_stiffness=1.0)
-
-
-REFUSED = {
-    "at least two nodes": lambda: rope([[0]]),
-    r"links\[1\] = \[0, 1, 1, 2\]: node 1 twice in succession": lambda: rope(
-        [[0, 1], [0, 1, 1, 2]]
-    ),
-    r"links\[0\]: its nodes \[0, 1\] coincide": lambda: jc.Structure(
-        [[0.0, 0, 0], [0, 0, 0], [1, 0, 0]], rope([[0, 1, 2]]), jc.pinned([0])
-    ),
-    "at least one element": lambda: rope([]),
-    r"elements \(SlidingCables\) has no secant": lambda: jc.solve(
-        pulley()[0], [pulley()[1]], jc.Incremental(stiffness="secant")
-    ),
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_refused(message):
-    with pytest.raises(ValueError, match=message):
-        REFUSED[message]()

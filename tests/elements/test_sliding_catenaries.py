@@ -299,45 +299,7 @@ def test_deep_segments_slip_without_end(friction):
         assert_allclose(of_segments(solution, "segment_sag"), np.float64([left[1], right[1]]))
 
 
-@pytest.mark.slow
-def test_energy_of_a_cycle():
-    """Pulled back and forth, the line loses what friction costs, at first order of increments."""
-    friction, off = [0.1, 0.1], []
-    for count in (8, 16):
-        structure = line([friction])
-        ways = [jc.SupportMovement([0], (way, 0.0, 0.0)) for way in (-1.0, 1.0, -1.0)]
-        turns = [jc.Phase(loads=way, increments=count) for way in ways]
-        phases = [jc.Phase(loads=OWN), *turns]
-        solution = converged(jc.solve(structure, phases))
-        balance = jc.energy_balance(structure, phases, solution)
-        lost = 0.0
-        for before, phase in zip(solution.phases[1:], solution.phases[2:], strict=False):
-            results = phase.path.element_results
-            slips = np.asarray(results["slip"]["line"])[:, 0]
-            moved = np.diff(slips, axis=0, prepend=of_segments(before, "slip")[None])
-            ends = np.asarray(results["end_tensions"]["line"])[:, 0]
-            lost += np.abs(moved * (ends[:, 1:, 0] - ends[:, :-1, 1])).sum()
-        work = (balance.supports + balance.dead)[2:].sum() - balance.stored[2:].sum()
-        off.append(abs(lost / work - 1))
-    # the turning points lie within an increment
-    assert off[0] < 0.06 and off[1] < 0.6 * off[0]
-
-
-@pytest.mark.parametrize(
-    ("text", "changes"),
-    [
-        ("law, area, section: a catenary is elastic", {"law": jc.Elastic(2e11), "area": 1e-4}),
-        ("law, area, section: a catenary is elastic", {"axial_stiffness": EA, "area": 1e-4}),
-        (r"friction\[0, 1\] = -0.1: must not be negative", {"friction": [[0.1, -0.1]]}),
-        ("links: no cable has a node between its ends", {"links": [[0, 1]]}),
-    ],
-)
-def test_messages(text, changes):
-    given = {"links": [[0, 1, 2, 3]]} | ({} if "law" in changes else {"axial_stiffness": EA})
-    with pytest.raises(ValueError, match=text):
-        jc.SlidingCatenaries(**given | changes)
-
-
+@pytest.mark.slow_cases("2")
 @pytest.mark.parametrize("increments", [1, 2])
 def test_a_jack_that_pays_a_cable_out_is_warned_of(increments):
     """From the straight line as drawn, in one increment: the tension grows away from the jack."""

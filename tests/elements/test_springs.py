@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.files.opensees import require_exportable
 
 SIDE, E = 0.1, 10e9
 INERTIA = SIDE**4 / 12
@@ -203,9 +202,3 @@ def test_reports_files_and_pictures(tmp_path):
     again, _ = jc.load_scene(path)
     assert np.array_equal(again.elements["ground"].gap, bearings.gap)
     jc.files.save_vtk(tmp_path / "scene.vtk", structure, solution)
-    bars = jc.Bars(structure.elements["beam"].links.array, axial_stiffness=1e5)
-    held = jc.Structure(structure.nodes, {"bars": bars, "ground": bearings}, jc.pinned([1]))
-    with pytest.raises(
-        ValueError, match="ground are GroundContacts; only Cables, Bars and Contacts can"
-    ):
-        require_exportable(held)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.bar_bank import KINDS, drawn, judged
+from oracles.convergence import converged
 
 import jaxcable as jc
 from jaxcable.common.tree import copy_with
@@ -50,8 +51,7 @@ def test_steps_do_not_grow_with_the_stiffness_of_a_bar_that_turns(increments):
         supports = jc.pinned([0]) + jc.restrained([1], "y")
         structure = jc.Structure([[0.0, 0, 0], [3.0, 0, 0]], bar, supports)
         load = jc.NodalLoads([1], (1e3, 0.0, -1e4))
-        solution = jc.solve(structure, jc.Phase(loads=load, increments=increments))
-        assert int(solution.status) == jc.status.OK
+        solution = converged(jc.solve(structure, jc.Phase(loads=load, increments=increments)))
         assert int(solution.phases[0].path.iterations.max()) <= 10
         x, _, z = solution.positions[1]
         force = np.hypot(1e3, 1e4)

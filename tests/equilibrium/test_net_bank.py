@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.net_bank import KINDS, derivative, drawn, judged, slope, together
-from oracles.convex_oracle import find
+from oracles.convex_oracle import Element, Scene, find
 
 import jaxcable as jc
 from jaxcable.common.tree import copy_with
@@ -48,6 +48,18 @@ def test_a_judgement_can_fail():
         assert judged(one, false).wrong
     stopped = judged(one, jc.solve(one.structure, one.phases, jc.Newton(max_steps=2)))
     assert stopped.missed and not stopped.ok
+
+
+@pytest.mark.parametrize(
+    ("jacks", "load", "why"),
+    [([], 1.0, "without end"), ([0.9], 1.0, "without end"), ([0.9], 0.5, "together")],
+)
+def test_the_oracle_says_why_there_is_no_equilibrium(jacks, load, why):
+    """A node under a load: held by nothing, by less than the load, and by more than it."""
+    free, forces = np.array([[False] * 3, [True] * 3]), np.array([[0, 0, 0], [0, 0, load]])
+    elements = [Element("jack", (0, 1), force=force) for force in jacks]
+    found = find(Scene(np.array([[0.0, 0, 0], [1, 0, 0]]), free, forces, elements))
+    assert not found.found and why in found.why
 
 
 @pytest.mark.quick_cases("jacks")

@@ -132,7 +132,7 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.slow_cases("frame", "frame, gradient", "path")
+@pytest.mark.slow_cases("frame", "frame, gradient", "path", "hanging chain")
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_call_lapack_for_no_batch(name):
     function, cases = PROGRAMS[name]

@@ -103,7 +103,7 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.slow_cases(
     *("value-frame", "grad-frame", "vmap-frame", "value-hanging", "grad-hanging", "vmap-hanging"),
-    *("grad-slack", "vmap-slack", "vmap-net"),
+    *("value-net", "grad-slack", "vmap-slack", "vmap-net", "grad-failing", "vmap-failing"),
 )
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize(
@@ -141,14 +141,6 @@ def test_numpy_and_xla_agree(case, transformation):
         # differences of the largest numbers, such as unbalanced forces, are rounding
         atol = (1e-11 if case == "slack" else 1e-12) * largest(other) + 1e-15 * whole
         np.testing.assert_allclose(own, other, rtol=0, atol=atol, err_msg=str(path))
-
-
-def test_a_first_analysis_compiles_nothing(compilations):
-    jc.forget_programs()
-    solution = jc.solve(*jc.scenes.flat_net())
-    jc.raise_if_failed(solution)
-    assert np.isfinite(np.asarray(solution.phases[1].displacement_in_phase)).all()
-    assert compilations == []
 
 
 @pytest.fixture
@@ -221,8 +213,6 @@ def test_ways_can_be_set(compilations):
     assert decision.current_way() == "auto"
     jc.evaluation("xla")
     assert decision.current_way() == "xla"
-    with pytest.raises(ValueError, match="way = 'fast': expected"):
-        jc.evaluation("fast")
 
 
 def test_an_operation_without_a_rule_is_compiled_alone(compilations):
