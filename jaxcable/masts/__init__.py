@@ -16,7 +16,15 @@ from .mast_analysis import (
     forces_of,
     rupture,
 )
+from .mast_files import MastJob, load_mast, save_mast
 from .mast_parts import guy_level, lattice_drag, lattice_section, tube_section
+from .mast_site import (
+    Retensioning,
+    retension,
+    tension_from_frequency,
+    tension_from_sag,
+    with_tensions,
+)
 from .mast_states import MastState, eurocode_state, tia_state
 
 __all__ = [
@@ -25,9 +33,11 @@ __all__ = [
     "GuyLevel",
     "GuyedMast",
     "MastForces",
+    "MastJob",
     "MastResults",
     "MastSection",
     "MastState",
+    "Retensioning",
     "analyse",
     "ancillary_masses",
     "erect",
@@ -37,7 +47,13 @@ __all__ = [
     "guy_level",
     "lattice_drag",
     "lattice_section",
+    "load_mast",
+    "retension",
     "rupture",
+    "save_mast",
+    "tension_from_frequency",
+    "tension_from_sag",
     "tia_state",
     "tube_section",
+    "with_tensions",
 ]
