@@ -4,7 +4,9 @@ A `GuyedMast` is made of sections and levels of guys, `erect` finds the lengths 
 `analyse` its cases: states times directions times patches; `study_mast` does a whole job.
 """
 
-from .guyed_mast import Ancillary, GuyedMast, GuyLevel, MastSection
+from .gust_effects import extremes
+from .guy_rupture import rupture
+from .guyed_mast import GuyedMast
 from .mast_analysis import (
     ErectedMast,
     MastForces,
@@ -12,10 +14,9 @@ from .mast_analysis import (
     analyse,
     ancillary_masses,
     erect,
-    extremes,
     forces_of,
-    rupture,
 )
+from .mast_components import Ancillary, GuyLevel, MastSection
 from .mast_files import MastJob, load_mast, save_mast
 from .mast_parts import guy_level, lattice_drag, lattice_section, tube_section
 from .mast_site import (
@@ -26,6 +27,7 @@ from .mast_site import (
     with_tensions,
 )
 from .mast_states import MastState, eurocode_state, tia_state
+from .mast_study import MastStudy, plot_mast, study_mast
 
 __all__ = [
     "Ancillary",
@@ -37,6 +39,7 @@ __all__ = [
     "MastResults",
     "MastSection",
     "MastState",
+    "MastStudy",
     "Retensioning",
     "analyse",
     "ancillary_masses",
@@ -48,9 +51,11 @@ __all__ = [
     "lattice_drag",
     "lattice_section",
     "load_mast",
+    "plot_mast",
     "retension",
     "rupture",
     "save_mast",
+    "study_mast",
     "tension_from_frequency",
     "tension_from_sag",
     "tia_state",

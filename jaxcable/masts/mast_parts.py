@@ -12,7 +12,7 @@ from ..common import checks
 from ..common.types import Array, ArrayLike, Float
 from ..loads.masses import STANDARD_GRAVITY
 from ..sections import lattice
-from .guyed_mast import GuyLevel, MastSection
+from .mast_components import GuyLevel, MastSection
 
 STEEL_DENSITY = 7850.0
 """kg/m3 (EN 1991-1-1, Table A.4)."""
@@ -70,7 +70,9 @@ def lattice_drag(
             return 1.76 * first * (1 - second * s + s**2)
         return first * (1 - second * s) + (first + 0.875) * s**2
     flat = 4.0 * s**2 - 5.9 * s + 4.0 if sides == 4 else 3.4 * s**2 - 4.7 * s + 3.4
-    return flat * (xp.minimum(0.57 - 0.14 * s + 0.86 * s**2 - 0.24 * s**3, 1) if members == "round" else 1)
+    return flat * (
+        xp.minimum(0.57 - 0.14 * s + 0.86 * s**2 - 0.24 * s**3, 1) if members == "round" else 1
+    )
 
 
 def lattice_section(
@@ -124,7 +126,7 @@ def lattice_section(
     Example:
         >>> part = jc.masts.lattice_section(60.0, 3, 0.8, 0.8, leg=0.05, diagonal=0.02)
         >>> print(f"EI {part.EI / 1e6:.0f} MN m2, {part.weight:.0f} N/m, {part.drag_area:.3f} m2/m")
-        EI 132 MN m2, 661 N/m, 0.241 m2/m
+        EI 132 MN m2, 659 N/m, 0.236 m2/m
     """
 
     def area(given, diameter):
@@ -172,7 +174,7 @@ def tube_section(
         profile: name of a circular hollow section, as of `catalogue.profile`.
 
     Options:
-        drag: drag coefficient; 1.2 below the critical Reynolds number, EN 1991-1-4, 7.9, has others.
+        drag: drag coefficient; 1.2 below the critical Reynolds number (EN 1991-1-4, 7.9).
         modulus: Young's modulus, N/m2; Poisson's ratio is 0.3. Rigid in shear.
         more_weight, more_drag_area: as of `lattice_section`.
 

@@ -67,7 +67,7 @@ def tension_from_frequency(
         >>> guys = [jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")]
         >>> mast = jc.masts.GuyedMast([part], guys)
         >>> print(jc.masts.tension_from_frequency(mast, 0, 3.1).round(0), "N")
-        [14068. 14205.] N
+        [14358. 14496.] N
     """
     if not frequency > 0:
         raise ValueError(f"frequency = {frequency}: must be positive")
@@ -113,8 +113,8 @@ def tension_from_sag(mast: GuyedMast, guy: int, sag: float) -> Float[Array, " 2"
         >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
         >>> guys = [jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")]
         >>> mast = jc.masts.GuyedMast([part], guys)
-        >>> print(jc.masts.tension_from_sag(mast, 0, 0.017).round(0), "N")
-        [14150. 14287.] N
+        >>> print(jc.masts.tension_from_sag(mast, 0, 0.03).round(0), "N")
+        [15266. 15404.] N
     """
     if not sag > 0:
         raise ValueError(f"sag = {sag}: must be positive")
@@ -144,7 +144,7 @@ class Retensioning:
         >>> mast = jc.masts.GuyedMast([part], guys)
         >>> found = jc.masts.retension(mast, [11.9e3, 12.1e3, 12.0e3])
         >>> print(found.status, found.fitted.round(-1), found.readings[-1].round(-1))
-        0 [12000. 12000. 12000.] [14500. 14500. 14500.]
+        0 [12000. 12000. 12000.] [15000. 15000. 15000.]
     """
 
     shortening: Float[Array, " n_guy"]
@@ -200,7 +200,7 @@ def retension(
         >>> mast = jc.masts.GuyedMast([part], guys)
         >>> found = jc.masts.retension(mast, [14.4e3] * 3, [[0.03, 0.0]], pitch=0.004)
         >>> print(found.status, found.turns.round(1))
-        0 [-4.   2.1  2.1]
+        0 [-3.7  2.2  2.2]
     """
     count, heights = len(mast.guy_names), np.array([float(x.height) for x in mast.guys])
     measured = checks.floats_of_shape(measured, "measured", (count,))
@@ -255,7 +255,7 @@ def with_tensions(mast: GuyedMast, tensions: Float[ArrayLike, " n_guy"]) -> Guye
         >>> print(mast.guys[0].tension)
         [12000. 15000. 15000.]
     """
-    levels, at = [], 0
+    levels, at, tensions = [], 0, checks.as_floats(tensions, "tensions")
     for level in mast.guys:
         count = len(level.azimuths)
         levels.append(copy_with(level, tension=tensions[at : at + count]))

