@@ -24,7 +24,7 @@ WINGS = {
     "design": ["standards", "design", "studies", "reliability"],
     "files": ["files", "catalogue"],
     "output": ["plots", "reporting"],
-    "applications": ["lines", "cli"],
+    "applications": ["lines", "masts", "cli"],
 }
 ORDER = [room for wing in WINGS.values() for room in wing]
 BEGIN, END = "<!-- rooms: python tests/rooms.py -->\n", "<!-- end of rooms -->\n"

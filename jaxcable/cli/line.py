@@ -9,18 +9,13 @@ from argparse import Namespace
 from .. import lines
 from ..common import status
 from . import outputs
-from .guard import FAILED, BadInput, refuse_value_errors, require_writable
+from .guard import FAILED, BadInput, refuse_value_errors
 
 
 def run(options: Namespace) -> int | None:
     """Study the line in `options.line`, print what governs, and write report, drawing, picture."""
-    outputs.check_suffix(options.save, (".dxf", ".json"), "--save")
-    outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
-    for path in options.report:
-        outputs.check_suffix(path if path != "-" else None, outputs.REPORTS, "--report")
     inputs = [options.line, options.states, options.ground, options.crossings]
-    written = [options.save, options.plot, *(path for path in options.report if path != "-")]
-    require_writable(*written, inputs=[path for path in inputs if path is not None])
+    outputs.check_study_files(options, (".dxf", ".json"), inputs)
     with refuse_value_errors(options.line):
         line = lines.load_line(
             options.line,
@@ -33,15 +28,7 @@ def run(options: Namespace) -> int | None:
         if not line.states:
             raise BadInput(f"{options.line}: no states; give some in the file or by --states")
         study = lines.study_line(line)
-    report = study.report()
     wrote = []
-    for path in options.report:
-        if path == "-":
-            continue
-        pictures = None
-        if path.lower().endswith((".pdf", *outputs.PAGES)):
-            pictures = {"Profile": lines.plot_profile(line.section, study.results)}
-        wrote += report.save(path, title=options.title or f"Line {options.line}", pictures=pictures)
     if options.save is not None and options.save.lower().endswith(".json"):
         wrote.append(lines.save_line(options.save, line))
     elif options.save is not None:
@@ -51,12 +38,11 @@ def run(options: Namespace) -> int | None:
                     options.save, line.section, study.results, heights=options.heights
                 )
             )
-    if options.plot is not None:
-        outputs.save_picture(lines.plot_profile(line.section, study.results), options.plot)
-        wrote.append(options.plot)
-    print(report.text() if "-" in options.report else "\n".join(report.summary))
-    for path in wrote:
-        print(f"wrote {path}")
+
+    def draw():
+        return {"Profile": lines.plot_profile(line.section, study.results)}
+
+    outputs.print_study(options, study.report(), f"Line {options.line}", draw, wrote)
     return None if study.status == status.OK else FAILED
 
 

@@ -23,7 +23,7 @@ from ..common.status import (
 from ..common.units import Units
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..model.structure import Structure
-from ..reporting.result_report import SUFFIXES
+from ..reporting.result_report import SUFFIXES, Report
 from .guard import (
     FAILED,
     BadInput,
@@ -123,6 +123,52 @@ def save_picture(figure: Figure, path: str) -> None:
     from ..plots import style  # slow to import: matplotlib
 
     style.save_figure(figure, path, dpi=130)
+
+
+def check_study_files(
+    options: Namespace, saved: Sequence[str], inputs: Sequence[str | None]
+) -> None:
+    """Raise `BadInput` for files of a study that cannot be written: --save, --plot, --report.
+
+    `saved` are the suffixes of --save, `inputs` the files that the command reads, or None.
+    """
+    reports = [path for path in options.report if path != "-"]
+    check_suffix(options.save, saved, "--save")
+    check_suffix(options.plot, PICTURES, "--plot")
+    for path in reports:
+        check_suffix(path, REPORTS, "--report")
+    known = [path for path in inputs if path is not None]
+    require_writable(options.save, options.plot, *reports, inputs=known)
+
+
+def print_study(
+    options: Namespace,
+    report: Report,
+    title: str,
+    draw: Callable[[], dict[str, Figure]],
+    wrote: Sequence[str | Path],
+) -> None:
+    """Write the reports and the picture of a study, print it, and the names of all files.
+
+    Args:
+        options: of the command: report, title, plot.
+        report: the `Report`.
+        title: of the report, where the options have none.
+        draw: function that draws the picture, a dict of one figure by its caption.
+        wrote: files that the command has written already.
+    """
+    names = list(wrote)
+    for path in options.report:
+        if path != "-":
+            pictures = draw() if path.lower().endswith((".pdf", *PAGES)) else None
+            names += report.save(path, title=options.title or title, pictures=pictures)
+    if options.plot is not None:
+        (figure,) = draw().values()
+        save_picture(figure, options.plot)
+        names.append(options.plot)
+    print(report.text() if "-" in options.report else "\n".join(report.summary))
+    for name in names:
+        print(f"wrote {name}")
 
 
 def save_solution(

@@ -159,10 +159,12 @@ class WindPowerLaw(WindProfile):
         lowest_height: height, m, below which the velocity is constant; default 0. At height zero
             the velocity is zero, and has no derivative by the height.
         density: density of air, kg/m3; default 1.25.
+        highest_height: height, m, above which the velocity is constant (gradient height of ASCE 7
+            and TIA-222); default None, there is none.
 
     Raises:
-        ValueError: wrong shapes, negative velocity, exponent or lowest height, a reference height
-            or density that is not positive (traced ones end in INVALID_INPUT).
+        ValueError: wrong shapes, negative velocity, exponent or lowest height, a reference height,
+            highest height or density that is not positive (traced ones end in INVALID_INPUT).
 
     Source: Davenport, Proc. ICE 19 (1961).
 
@@ -177,6 +179,7 @@ class WindPowerLaw(WindProfile):
     reference_height: Float[ArrayLike, ""] = 10.0
     lowest_height: Float[ArrayLike, ""] = 0.0
     density: Float[ArrayLike, ""] = AIR_DENSITY
+    highest_height: Float[ArrayLike, ""] | None = None
 
     def __post_init__(self):
         _convert_to_scalars(self)
@@ -190,11 +193,16 @@ class WindPowerLaw(WindProfile):
             positive("reference_height", self.reference_height),
             not_negative("lowest_height", self.lowest_height),
             positive("density", self.density),
+            positive("highest_height", self.highest_height),
         ]
 
     def pressure_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the velocity pressure, N/m2, at heights above ground, m, in their shape."""
         height = jnp.maximum(height, self.lowest_height)
+        if self.highest_height is not None:
+            # where all numbers are still zero there is no highest height
+            most = jnp.where(self.highest_height > 0, self.highest_height, jnp.inf)
+            height = jnp.minimum(height, most)
         blown = (height > 0) & (self.reference_height > 0)
         ratio = jnp.where(blown, height, 1.0) / jnp.where(blown, self.reference_height, 1.0)
         pressure = 0.5 * self.density * self.velocity**2

@@ -1,0 +1,252 @@
+"""A whole job: erect a mast of a file, analyse all cases, report envelopes, draw them."""
+
+from __future__ import annotations
+
+import dataclasses
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..common import status
+from ..reporting import Report
+from ..reporting.table import columns_of_rows, make_table
+from .gust_effects import extremes
+from .mast_analysis import ErectedMast, MastForces, MastResults, analyse, erect
+from .mast_files import MastJob
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+
+
+@dataclasses.dataclass(frozen=True)
+class MastStudy:
+    """Everything on a mast: the result of `study_mast`.
+
+    Attributes:
+        job: the `MastJob`.
+        built: `ErectedMast`.
+        results: `MastResults` of all cases.
+        low, high: `MastForces` of `extremes`, [n_state, n_direction, ...].
+
+    Example:
+        >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
+        >>> guys = [jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")]
+        >>> states = {"wind": jc.masts.eurocode_state(22.0)}
+        >>> job = jc.masts.MastJob(jc.masts.GuyedMast([part], guys), states, [0.0, 60.0])
+        >>> print(jc.masts.study_mast(job).report().summary[2])
+        largest tension over strength: 11.7% of guy 1 at 0, state 'wind', wind to 0
+    """
+
+    job: MastJob
+    built: ErectedMast
+    results: MastResults
+    low: MastForces
+    high: MastForces
+
+    @property
+    def status(self) -> int:
+        """The first status of the mast as built and of cases that is not OK; OK if all are."""
+        codes = np.append(self.built.status, np.ravel(self.results.status))
+        return int(next((code for code in codes if code != status.OK), status.OK))
+
+    def envelopes(self) -> dict[str, np.ndarray]:
+        """Return envelopes over the height for each state and direction, [n_state, n_direction, n].
+
+        "displacement", "sway" and "twist" (rad) of the nodes; "N" (smallest), "V" and "M" at both
+        ends of each element, n is twice their number. All but N are sizes.
+        """
+        pairs = {k: (getattr(self.low, k), getattr(self.high, k)) for k in MastForces._all_fields}
+        most = {k: np.maximum(*np.abs([np.asarray(x) for x in own])) for k, own in pairs.items()}
+        found = {
+            "displacement": np.hypot(*np.moveaxis(most["displacement"], -1, 0)[:2]),
+            "sway": np.hypot(*np.moveaxis(most["rotation"], -1, 0)[:2]),
+            "twist": most["rotation"][..., 2],
+            "N": np.asarray(self.low.axial),
+            "V": np.hypot(*np.moveaxis(most["shear"], -1, 0)),
+            "M": np.hypot(*np.moveaxis(most["moment"], -1, 0)),
+        }
+        ends = (*found["N"].shape[:2], -1)
+        return found | {k: found[k][..., [0, 2]].reshape(ends) for k in "NVM"}
+
+    def report(self) -> Report:
+        """Return tables of guys, mast, foundations, directions, and sentences on what governs."""
+        found, tables = self.results, _tables(self)
+        count, directions, patches = np.shape(found.status)
+        sentences = [
+            f"status {self.status}: {status.describe(self.status)}",
+            f"{np.size(found.status)} cases: {count} states, {directions} directions, the mean "
+            f"wind and gusts on {patches - 1} patches",
+        ]
+        failed = np.asarray(found.status) != status.OK
+        for text, bad in (("no results of", failed), ("not stable:", ~np.asarray(found.stable))):
+            if bad.any():
+                k, d, p = np.argwhere(bad)[0]
+                sentences.append(
+                    f"{text} {bad.sum()} cases, the first {_case(found, k, d)}, {found.patches[p]}"
+                )
+        guys, mast = tables["guys"].rows, tables["mast"].rows
+        if np.isfinite([row[5] for row in guys]).any():
+            most, least = max(guys, key=lambda x: x[5]), min(guys, key=lambda x: x[7])
+            moved, sway = max(mast, key=lambda x: x[1]), max(mast, key=lambda x: x[3])
+            sentences += [
+                f"largest tension over strength: {most[5]:.1%} of guy {most[0]}, {most[6]}",
+                f"smallest tension of a guy: {least[7]:.4g} N of guy {least[0]}, {least[8]}",
+                f"largest displacement: {moved[1]:.3f} m at {moved[0]:g} m, {moved[2]}",
+                f"largest sway of the axis: {sway[3]:.2f} degrees at {sway[0]:g} m",
+            ]
+        return Report(self.status, tuple(sentences), tables)
+
+
+def study_mast(job: MastJob) -> MastStudy:
+    """Erect a mast, analyse all its cases, combine the effects of gusts.
+
+    Args:
+        job: `MastJob`, as of `load_mast`.
+
+    Returns:
+        `MastStudy`; its `report` has all tables.
+
+    Raises:
+        ValueError: no states; as of `erect` and `analyse`.
+
+    Example:
+        >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
+        >>> guys = [jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")]
+        >>> states = {"wind": jc.masts.tia_state(30.0)}
+        >>> job = jc.masts.MastJob(jc.masts.GuyedMast([part], guys), states, [0.0])
+        >>> print(jc.masts.study_mast(job).status)
+        0
+    """
+    built = erect(job.mast)
+    results = analyse(built, job.states, job.directions)
+    return MastStudy(job, built, results, *extremes(results))
+
+
+def _case(results, state, direction):
+    """Return a case in words: its state and its direction."""
+    return f"state {results.names[state]!r}, wind to {results.directions[direction]:g}"
+
+
+def _governing(study, values, pick=np.nanargmax):
+    """Return the extremes over states and directions of values [.., .., n], a list, and cases."""
+    flat = np.where(np.isnan(values).all((0, 1)), 0.0, values).reshape(-1, values.shape[-1])
+    at = pick(flat, axis=0)
+    cases = [_case(study.results, *divmod(int(k), values.shape[1])) for k in at]
+    return values.reshape(flat.shape)[at, np.arange(len(at))].tolist(), cases
+
+
+def _at_nodes(values, pick):
+    """Return at nodes what is known at both ends of elements, [..., 2 n_element] to [..., n]."""
+    upper = np.concatenate([values[..., :1], values[..., 1::2]], axis=-1)
+    lower = np.concatenate([values[..., ::2], values[..., -1:]], axis=-1)
+    return pick(upper, lower)
+
+
+def _tables(study):
+    """Return the tables of a study by name: guys, mast, foundations, directions."""
+    mast, results, every = study.job.mast, study.results, study.envelopes()
+    low, high = (
+        {k: np.asarray(getattr(x, k)) for k in x._all_fields} for x in (study.low, study.high)
+    )
+    most, least = high["tensions"].max(-1), low["tensions"].min(-1)
+    largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
+    used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
+    built, names = np.asarray(study.built.tensions), mast.guy_names
+    lengths = np.asarray(study.built.rest_length).tolist()
+    guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
+    heads = (
+        *("guy", ("length", "m", "unstressed length"), ("as built", "N", "at anchor")),
+        *(("at mast", "N"), ("largest", "N"), ("utilization", "-", "of strength"), "largest in"),
+        *(("smallest", "N"), "smallest in"),
+    )
+    tables = {
+        "guys": make_table("Tensions of guys", columns_of_rows([*zip(*guys, strict=True)], *heads))
+    }
+    heights = np.asarray(mast.node_heights()).tolist()
+    columns = [*_governing(study, every["displacement"])]
+    columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
+    for k, pick in (("N", np.nanargmin), ("V", np.nanargmax), ("M", np.nanargmax)):
+        at_nodes = _at_nodes(every[k], np.fmin if k == "N" else np.fmax)
+        columns += _governing(study, at_nodes, pick)[: 2 if k == "M" else 1]
+    heads = (
+        *(("height", "m"), ("displacement", "m", "horizontal"), "largest in", ("sway", "deg")),
+        *(("twist", "deg"), ("N", "N", "smallest N"), ("V", "N"), ("M", "N m"), "M in"),
+    )
+    rows = [*zip(heights, *columns, strict=True)]
+    tables["mast"] = make_table("Envelope of the mast", columns_of_rows(rows, *heads), (_NOTE,))
+    size = {k: np.maximum(np.abs(low[k]), np.abs(high[k])) for k in ("base", "base_moment")}
+    parts = {
+        ("base", "downwards, N"): high["base"][..., 2],
+        ("base", "horizontal, N"): np.hypot(size["base"][..., 0], size["base"][..., 1]),
+        ("base", "moment, N m"): np.hypot(size["base_moment"][..., 0], size["base_moment"][..., 1]),
+        ("base", "torsion, N m"): size["base_moment"][..., 2],
+    }
+    for j, text in ((0, "towards the mast, N"), (2, "upwards, N")):
+        parts |= {(f"anchor {n}", text): high["anchors"][..., k, j] for k, n in enumerate(names)}
+    values, cases = _governing(study, np.stack([*parts.values()], axis=-1))
+    rows = [(*key, x, case) for key, x, case in zip(parts, values, cases, strict=True)]
+    heads = "at", "component", ("largest", ""), "in"
+    tables["foundations"] = make_table("Forces on foundations", columns_of_rows(rows, *heads))
+    columns = every["displacement"][..., -1], np.degrees(every["sway"].max(-1)), every["M"].max(-1)
+    columns = [*columns, most.max(-1), least.min(-1), high["base"][..., 2]]
+    rows = [
+        (name, float(angle), *(float(x[k, d]) for x in columns))
+        for k, name in enumerate(results.names)
+        for d, angle in enumerate(np.asarray(results.directions))
+    ]
+    heads = (
+        *("state", ("wind to", "deg"), ("top", "m", "displacement of the top"), ("sway", "deg")),
+        *(("M", "N m", "largest M"), ("largest", "N", "largest tension of a guy")),
+        *(("smallest", "N", "smallest tension of a guy"), ("base", "N", "force on the base")),
+    )
+    tables["directions"] = make_table("States and directions", columns_of_rows(rows, *heads))
+    return tables
+
+
+def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figure:
+    """Draw a mast and its guys by their distance from the axis, with envelopes of each state.
+
+    Args:
+        study: `MastStudy`.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Returns:
+        The matplotlib figure.
+
+    Example:
+        >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
+        >>> guys = [jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")]
+        >>> states = {"wind": jc.masts.tia_state(30.0)}
+        >>> job = jc.masts.MastJob(jc.masts.GuyedMast([part], guys), states, [0.0])
+        >>> figure = jc.masts.plot_mast(jc.masts.study_mast(job))
+        >>> print([axes.get_xlabel() for axes in figure.axes])
+        ['distance, m', 'displacement, mm', 'sway, degrees', 'N, kN', 'V, kN', 'M, kN m']
+    """
+    from ..plots import style  # slow to import: matplotlib
+
+    mast, curves, built = study.job.mast, study.envelopes(), study.built.structure
+    heights = np.asarray(mast.node_heights())
+    wide = 4.0 * np.clip(np.max(mast.of_guys("radius")) / heights[-1], 0.3, 1.2)
+    figure = style.new_figure(wide + 8.0, 5.2)
+    axes = figure.subplots(1, 6, sharey=True, width_ratios=[wide, *[1.4] * 5])
+    for ends in np.asarray(built.nodes)[built.elements["guys"].links.array]:
+        axes[0].plot(np.hypot(*ends.T[:2]), ends[:, 2], color="0.55", linewidth=0.8)
+    axes[0].plot(0 * heights, heights, color="0.1", linewidth=2.0)
+    for one in mast.ancillaries:
+        axes[0].plot(0.0, float(one.height), "s", color="0.1", markersize=5)
+    axes[0].set(xlabel="distance, m", ylabel="height, m", aspect="equal", adjustable="datalim")
+    units = {"displacement": ("mm", 1e3), "sway": ("degrees", 180 / np.pi)}
+    units |= {"N": ("kN", 1e-3), "V": ("kN", 1e-3), "M": ("kN m", 1e-3)}
+    for own, (name, (unit, factor)) in zip(axes[1:], units.items(), strict=True):
+        places = heights if name in ("displacement", "sway") else np.repeat(heights, 2)[1:-1]
+        for k, values in enumerate((np.nanmin if name == "N" else np.nanmax)(curves[name], axis=1)):
+            color, label = style.SERIES[k % len(style.SERIES)], study.results.names[k]
+            own.plot(
+                factor * values, places, color=color, **({"label": label} if name == "M" else {})
+            )
+        own.set_xlabel(f"{name}, {unit}")
+    figure.legend(loc="outside lower center", ncols=4, **style.LEGEND)
+    return style.finish_figure(figure, path)
