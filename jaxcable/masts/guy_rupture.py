@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..analysis.phases import Phase
 from ..analysis.solver import solve
@@ -66,7 +65,7 @@ def rupture(
     phase = Phase(loads=loss.loads, removes=loss.removes, increments=_INCREMENTS)
     solution = solve(structure, phase, start=start)
     one = forces_of_solution(mast, structure, solution, direction), solution.status, solution.stable
-    angles = np.atleast_1d(np.asarray(direction, float))
+    angles = jnp.atleast_1d(jnp.asarray(direction, float))
     return MastResults(
         (name,), angles, ("mean",), *jax.tree.map(lambda x: jnp.asarray(x)[None, None, None], one)
     )

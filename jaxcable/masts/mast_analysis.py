@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -223,9 +224,11 @@ def analyse(
         raise ValueError(f"directions: expected a number of them, or angles, got {directions!r}")
     mast = built.mast
     patterns, shares = patterns_of_patches(mast)
-    found: dict = {}
-    for tree in dict.fromkeys(jax.tree.structure(state) for state in states.values()):
-        own = {k: s for k, s in states.items() if jax.tree.structure(s) == tree}
+    found: dict[str, Any] = {}
+    kinds: dict[Any, dict[str, MastState]] = {}
+    for name, state in states.items():
+        kinds.setdefault(jax.tree.structure(state), {})[name] = state
+    for own in kinds.values():
         with_gusts = next(iter(own.values())).gust is not None
         n_patch = len(patterns) if with_gusts else 1
         shape = len(own), len(angles), n_patch

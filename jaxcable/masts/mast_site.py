@@ -13,7 +13,7 @@ from ..common import checks, status
 from ..common.selection import only
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..design import fit
+from ..design.fit import fit
 from ..dynamics import modes
 from ..elements import Cables, Catenaries
 from ..forms import end_tensions
@@ -74,7 +74,7 @@ def tension_from_frequency(
     if not 1 <= half_waves <= 8:
         raise ValueError(f"half_waves = {half_waves}: expected 1 to 8")
     ends, weight, stiffness = _guy(mast, guy)
-    points = np.linspace(*ends, _CHAIN + 1)
+    points = np.linspace(ends[0], ends[1], _CHAIN + 1)
     chain = Cables(
         np.stack([np.arange(_CHAIN), np.arange(1, _CHAIN + 1)], axis=1), stiffness, weight=weight
     )
@@ -204,14 +204,14 @@ def retension(
     """
     count, heights = len(mast.guy_names), np.array([float(x.height) for x in mast.guys])
     measured = checks.floats_of_shape(measured, "measured", (count,))
-    if lean_scatter is None:
-        lean_scatter = 1e-3 * heights[:, None] if lean is None else 5e-3
+    usual = 1e-3 * heights[:, None] if lean is None else 5e-3
+    of_lean = usual if lean_scatter is None else lean_scatter
     lean = np.zeros((len(heights), 2)) if lean is None else lean
     lean = checks.floats_of_shape(lean, "lean", (len(heights), 2))
     order = list(range(count)) if order is None else [int(k) for k in order]
     if sorted(order) != list(range(count)):
         raise ValueError(f"order = {order}: expected each of the guys 0 to {count - 1} once")
-    for name, value in (("scatter", scatter), ("lean_scatter", lean_scatter), ("pitch", pitch)):
+    for name, value in (("scatter", scatter), ("lean_scatter", of_lean), ("pitch", pitch)):
         if value is not None and not np.all(np.asarray(value) > 0):
             raise ValueError(f"{name} = {value}: must be positive")
     built = erect(mast)
@@ -224,7 +224,7 @@ def retension(
     def residuals(longer, start):
         solution = solve(structure, Phase(shortening={"guys": -longer}), start=start)
         tensions, leans = readings_of(solution)
-        off = (tensions - measured) / (scatter * measured), (leans - lean) / lean_scatter
+        off = (tensions - measured) / (scatter * measured), (leans - lean) / of_lean
         return off, solution
 
     found = fit(residuals, np.zeros(count), args=(built.solution.last,))
@@ -237,7 +237,7 @@ def retension(
     turns = jnp.full(count, jnp.nan) if pitch is None else longer / pitch
     steps = jnp.stack(tensions[1:])
     return Retensioning(
-        *(longer, turns, tensions[0], leans[0], np.array(order), steps, jnp.max(codes))
+        *(longer, turns, tensions[0], leans[0], jnp.array(order), steps, jnp.max(codes))
     )
 
 

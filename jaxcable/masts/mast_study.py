@@ -18,6 +18,7 @@ from .mast_files import MastJob
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_FIELDS = [field.name for field in dataclasses.fields(MastForces)]
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
 
 
@@ -58,7 +59,7 @@ class MastStudy:
         "displacement", "sway" and "twist" (rad) of the nodes; "N" (smallest), "V" and "M" at both
         ends of each element, n is twice their number. All but N are sizes.
         """
-        pairs = {k: (getattr(self.low, k), getattr(self.high, k)) for k in MastForces._all_fields}
+        pairs = {k: (getattr(self.low, k), getattr(self.high, k)) for k in _FIELDS}
         most = {k: np.maximum(*np.abs([np.asarray(x) for x in own])) for k, own in pairs.items()}
         found = {
             "displacement": np.hypot(*np.moveaxis(most["displacement"], -1, 0)[:2]),
@@ -149,7 +150,7 @@ def _tables(study):
     """Return the tables of a study by name: guys, mast, foundations, directions."""
     mast, results, every = study.job.mast, study.results, study.envelopes()
     low, high = (
-        {k: np.asarray(getattr(x, k)) for k in x._all_fields} for x in (study.low, study.high)
+        {k: np.asarray(getattr(x, k)) for k in _FIELDS} for x in (study.low, study.high)
     )
     most, least = high["tensions"].max(-1), low["tensions"].min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
@@ -229,7 +230,7 @@ def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figu
 
     mast, curves, built = study.job.mast, study.envelopes(), study.built.structure
     heights = np.asarray(mast.node_heights())
-    wide = 4.0 * np.clip(np.max(mast.of_guys("radius")) / heights[-1], 0.3, 1.2)
+    wide = 0.3 + 4.6 * np.clip(np.max(mast.of_guys("radius")) / heights[-1], 0.2, 1.5)
     figure = style.new_figure(wide + 8.0, 5.2)
     axes = figure.subplots(1, 6, sharey=True, width_ratios=[wide, *[1.4] * 5])
     for ends in np.asarray(built.nodes)[built.elements["guys"].links.array]:

@@ -164,6 +164,13 @@ def test_en_1991_1_4_is_constant_below_its_lowest_height_and_takes_other_terrain
     assert float(found[4]) == pytest.approx(expected, rel=1e-13)
 
 
+def test_a_power_law_is_constant_above_its_highest_height():
+    wind = jc.WindPowerLaw(20.0, 0.16, highest_height=50.0)
+    height = np.array([5.0, 50.0, 80.0])
+    expected = 250.0 * np.array([0.5, 5.0, 5.0]) ** 0.32
+    np.testing.assert_allclose(wind.pressure_at(height), expected, rtol=1e-14)
+
+
 @pytest.mark.slow
 def test_a_power_law_against_its_integral_over_a_mast():
     """Shear and moment at the foot of a mast from the ground up: order 1 + 2 a near z = 0."""

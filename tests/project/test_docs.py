@@ -96,7 +96,7 @@ def examples(name):
 
 ANALYSES = re.compile(
     r"^ *(>>>|\.\.\.) .*\b(solve|trace_path|minimize|find_form|fit|tune|influence|moving_load"
-    r"|study|first_order|string|analyse|sag_tension|transient)\w*\(",
+    r"|study|first_order|string|analyse|sag_tension|transient|erect|retension)\w*\(",
     re.M,
 )
 """Calls that make an example slow; tests of the rooms call them as well."""

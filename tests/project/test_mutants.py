@@ -18,5 +18,5 @@ def test_text_of_a_fault_occurs_once():
 
 def test_every_room_has_faults():
     count = Counter(fault.room for fault in FAULTS)
-    assert len(FAULTS) == 65 == len(set(FAULTS))
+    assert len(FAULTS) == 67 == len(set(FAULTS))
     assert set(count) == set(rooms.rooms()) and min(count.values()) >= 2

@@ -1,0 +1,122 @@
+"""Masts in files and on the command line."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.cli.parser import main
+from jaxcable.files import FileError
+
+MAST = {
+    "element_length": 8,
+    "directions": [0, 90],
+    "sections": [
+        {"top": 12, "profile": "CHS 168.3x6.3", "comment": "below"},
+        {"top": 20, "sides": 3, "width": 0.5, "panel": 0.5, "leg": 0.03, "diagonal": 0.012},
+        {"top": 24, "EA": 3e8, "EI": 4e6, "GJ": 2e6, "weight": 200, "drag_area": 0.2},
+    ],
+    "guys": [
+        {"height": 12, "radius": 9, "azimuths": [0, 120, 240], "cable": "Galfan spiral strand 12"},
+        {
+            **{"height": 22, "radius": [14, 14, 15], "azimuths": [0, 120, 240], "EA": 16e6},
+            **{"weight": 8, "diameter": 0.012, "strength": 15e4, "tension": 15e3, "arm": 0.3},
+        },
+    ],
+    "ancillaries": [{"name": "dish", "height": 21, "drag_area": 0.8, "weight": 300, "offset": 0.5}],
+    "states": {
+        "wind": {"standard": "EN 1993-3-1", "velocity": 22, "terrain": "III", "scaling": 3.0},
+        "ice": {"standard": "TIA-222", "velocity": 20, "exposure": "B", "ice": 0.01},
+        "own": {"wind": {"type": "WindTable", "pressures": 300.0}, "weight_factor": 1.1},
+    },
+}
+
+
+def written(folder, **changed):
+    """A file of the mast, with other contents."""
+    path = folder / "mast.json"
+    path.write_text(json.dumps(MAST | changed))
+    return path
+
+
+def test_a_mast_goes_to_json_and_back(tmp_path):
+    job = jc.masts.load_mast(written(tmp_path))
+    again = jc.masts.load_mast(jc.masts.save_mast(tmp_path / "again.json", job))
+    assert jax.tree.structure(job) == jax.tree.structure(again)
+    for one, other in zip(jax.tree.leaves(job), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert list(job.directions) == [0, 90] and list(job.states) == ["wind", "ice", "own"]
+    assert job.mast.guys[0].tension[0] == 15e3 and job.mast.ancillaries[0].name == "dish"
+
+
+REFUSED = {
+    "no list": ({"guys": {}}, "guys: expected a list"),
+    "no sections": ({"sections": []}, "sections: none"),
+    "unknown key": ({"guy": []}, "'guy': has no meaning here"),
+    "missing argument": (
+        {"sections": [{"top": 24, "sides": 3}]},
+        "sections[0]: missing a required",
+    ),
+    "unknown argument": ({"ancillaries": [{"heigth": 3}]}, "ancillaries[0]: "),
+    "no object": ({"guys": [3]}, "guys[0]: expected an object"),
+    "unknown standard": ({"states": {"a": {"standard": "EN"}}}, "states.a: standard: expected"),
+    "wrong number": (
+        {"states": {"a": {"standard": "TIA-222", "velocity": 20, "ice": -1}}},
+        "states.a: ice = -2.0: must not be negative",
+    ),
+    "heights": ({"guys": [*MAST["guys"][::-1]]}, "guys: heights [22.0, 12.0] m must increase"),
+    "above": ({"ancillaries": [{"height": 25}]}, "ancillaries: heights [25.0] m, of 0 to 24 m"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_wrong_contents_are_refused(tmp_path, name):
+    changed, text = REFUSED[name]
+    path = written(tmp_path, **changed)
+    with pytest.raises(FileError) as caught:
+        jc.masts.load_mast(path)
+    assert str(path) in str(caught.value) and text in str(caught.value)
+
+
+CALLS = {
+    "base": (lambda part, level: jc.masts.GuyedMast([part], [level], base="fixed"), "base"),
+    "sections": (lambda part, level: jc.masts.GuyedMast([level], [part]), "sections[0]: expected"),
+    "length": (lambda part, level: jc.masts.GuyedMast([part], [level], element_length=0.0), "must"),
+    "guys": (lambda part, level: jc.replace(level, azimuths=[0.0]), "azimuths: expected shape"),
+    "radius": (lambda part, level: jc.replace(level, radius=-3.0), "radius"),
+    "EA": (lambda part, level: jc.replace(part, EA=0.0), "EA"),
+    "profile": (lambda part, level: jc.masts.tube_section(9.0, "IPE 300"), "is not round"),
+    "sides": (lambda part, level: jc.masts.lattice_drag(5, 0.2), "sides = 5"),
+    "wind": (lambda part, level: jc.masts.MastState(500.0), "wind: expected a wind profile"),
+    "exposure": (lambda part, level: jc.masts.tia_state(30.0, "A"), "exposure"),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_wrong_numbers_are_refused(name):
+    call, text = CALLS[name]
+    part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
+    level = jc.masts.guy_level(19.0, 12.0, [0, 120, 240], "Galfan spiral strand 12")
+    with pytest.raises(ValueError) as caught:
+        call(part, level)
+    assert text in str(caught.value)
+
+
+@pytest.mark.slow
+def test_command_reports_a_mast(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path)
+    words = "mast mast.json --report mast.html --report mast.json.txt --plot mast.png"
+    assert main(words.split()) == 0
+    told = capsys.readouterr().out
+    assert "status 0: converged" in told and "wrote mast.png" in told
+    page = (tmp_path / "mast.html").read_text()
+    for title in ("Tensions of guys", "Envelope of the mast", "Forces on foundations"):
+        assert title in page
+    assert main(["mast", "mast.json", "--save", "mast.json"]) == 2
+    assert "mast.json" in capsys.readouterr().err
+    written(tmp_path, states={})
+    assert main(["mast", "mast.json"]) == 2
+    assert "states: none" in capsys.readouterr().err
