@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
 
-from ..common.types import Array, ArrayLike, Float
+from ..common.types import Array, ArrayLike, Bool, Float
 from .cable_path import CablePath
-from .element import Ends, Motion
+from .element import Element, Ends, Motion
 from .element_state import OwnState
 from .friction import SegmentTensions, slips
 
+_STRAIGHT = 1e-6  # largest logarithm of the ratio of tensions below which a cable is straight
 
-class DeviatorResults:
+
+class Slipping(Element):
+    """Elements that stick and slip with friction; `trace_path` locates where they begin to slip."""
+
+    @abc.abstractmethod
+    def is_slipping(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, " n_place"]:
+        """Return at which of its places one element slips, or is about to, [n_place] bool."""
+
+
+class DeviatorResults(Slipping):
     """Results at the deviators of one cable with friction, all [n_deviator].
 
     Subclasses have `path` and `_segments_with_tensions`, as `FrictionCables`.
@@ -32,6 +43,13 @@ class DeviatorResults:
         found = self._segments_with_tensions(state, ends, motion)[1]
         return state.memory + slips(found) / state.heat_factor
 
+    def is_slipping(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, " n"]:
+        """Return at which deviators one cable slips with friction, or is about to, [n_deviator]."""
+        found = self._segments_with_tensions(state, ends, motion)[1]
+        before, after = found.at_deviators()
+        taut = (before > 0) & (after > 0) & (found.bound > _STRAIGHT)
+        return taut & (found.sign != 0) & (state.clamped == 0)
+
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
@@ -42,7 +60,7 @@ class DeviatorResults:
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
         before, after = found.at_deviators()
-        counts = (before > 0) & (after > 0) & (found.bound > 1e-6)  # less is straight
+        counts = (before > 0) & (after > 0) & (found.bound > _STRAIGHT)
         ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
         return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
 

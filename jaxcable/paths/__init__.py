@@ -7,6 +7,7 @@ from .events import (
     MATERIAL_FAILURE,
     NAMES,
     SLACKENING,
+    SLIP,
     TIGHTENING,
     Events,
 )
@@ -20,6 +21,7 @@ __all__ = [
     "MATERIAL_FAILURE",
     "NAMES",
     "SLACKENING",
+    "SLIP",
     "TIGHTENING",
     "Events",
     "TracedPath",

@@ -3,9 +3,9 @@
 Every iteration tries a step from the last accepted point, the `anchor`: a predictor along the
 tangent there, and a corrector onto the path (`corrector`). Between events, these stay the same from
 point to point: the sign of the tangent's load factor, the number of negative eigenvalues, which
-elements are slack, and whether any has failed. If one of them differs at the end of a step, an
-event lies in the step. The step is then not accepted, and the event is located: shorter steps are
-tried, their lengths by secants of quantities that are smooth, and by bisection. Those that end
+elements are slack or slip, and whether any has failed. If one of them differs at the end of a step,
+an event lies in the step. The step is then not accepted, and the event is located: shorter steps
+are tried, their lengths by secants of quantities that are smooth, and by bisection. Those that end
 before the event are accepted, until the event lies in a step as short as the tolerance. Then it is
 recorded, and the path goes on beyond it.
 
@@ -26,6 +26,7 @@ from ..common.tree import copy_with
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
 from ..mechanics.load_ramp import LoadRamp
+from ..mechanics.slips import slipping_places
 from .path_state import BracketEnd, PathPoint, PathSettings, PathState
 from .records import allocate_records, make_point_record, record_events, record_point
 from .step_decision import StepDecision
@@ -78,7 +79,10 @@ def _initial_state(problem, code):
     no_element = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.dof_map.free.shape[0], dtype)
     tangent = still, zero + 1
-    point = PathPoint(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
+    slipping = slipping_places(begin, x)
+    slipping = None if slipping is None else jnp.zeros_like(slipping)
+    numbers = number, zero, still, still, still
+    point = PathPoint(x, zero, *tangent, ramp.memory, *numbers, no_element, slipping)
     row = jax.eval_shape(lambda: make_point_record(ramp, point, ramp.memory))
     row |= {"iterations": number, "residual": zero, "scale": zero, "rounding": zero}
     event = dict.fromkeys(("kind", "row", "multiplicity"), number)

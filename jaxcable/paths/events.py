@@ -1,4 +1,4 @@
-"""Events on a path: limit points, bifurcations, slackening, tightening, material failure."""
+"""Events on a path: limit points, bifurcations, slackening, tightening, slip, failure."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ BIFURCATION = 2
 SLACKENING = 3
 TIGHTENING = 4
 MATERIAL_FAILURE = 5
+SLIP = 6
 
 NAMES = {
     LIMIT_POINT: "limit point",
@@ -22,6 +23,7 @@ NAMES = {
     SLACKENING: "slackening",
     TIGHTENING: "tightening",
     MATERIAL_FAILURE: "material failure",
+    SLIP: "slip",
 }
 """Kinds of events, in words."""
 
@@ -41,8 +43,8 @@ class Events:
     order of the square of that distance.
 
     Attributes:
-        kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING` or `MATERIAL_FAILURE` of
-            `jc.paths`, [n] int; 0 in places that are not used (under a transformation).
+        kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING`, `MATERIAL_FAILURE` or `SLIP`
+            of `jc.paths`, [n] int; 0 in places that are not used (under a transformation).
         load_factor: load factor of the event, [n]; differentiable at smooth limit points.
         lower, upper: load factors of the points before and after the event, in this order, [n].
         row: index of the point of the path that follows the event, [n] int.
@@ -58,8 +60,9 @@ class Events:
             and bifurcations, [n] int: 2 where two modes cross together (within the bracket), as in
             a ring under pressure; -1 where they are not counted (`TracedPath.n_negative`), 0 at
             other events.
-        elements: which elements slackened (contacts: opened), tightened (closed) or failed, in the
-            shape of `elements`, each [n, n_elem] bool.
+        elements: which elements slackened (contacts: opened), tightened (closed), failed, or began
+            to slip at a deviator at which they stuck, in the shape of `elements`, each [n, n_elem]
+            bool. The result "friction_used" of the path at `row` says at which deviator.
 
     Example:
         >>> path = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))

@@ -54,6 +54,7 @@ class PathPoint:
             [n_free].
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
         is_slack: which elements are slack, those of all groups one after the other, bool.
+        slipping: where elements slip with friction (`slipping_places`), or None.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -67,6 +68,7 @@ class PathPoint:
     left_phi: Float[Array, " n_free"]
     residual_by_factor: Float[Array, " n_free"]
     is_slack: Bool[Array, " n_elem"]
+    slipping: Bool[Array, " n_place"] | None
 
 
 @pytree
@@ -75,7 +77,7 @@ class BracketEnd:
 
     Attributes:
         rise, stiffness, n_negative: as of a `PathPoint`.
-        smooth: whether the event is smooth: no element goes slack, becomes taut or fails in it.
+        smooth: whether the event is smooth: no element goes slack, becomes taut, slips or fails.
         has_bifurcation: whether the event is a bifurcation, as far as known.
     """
 

@@ -68,11 +68,13 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
         "point": p,
         "null": step.has_null_vector,
     }
+    slips = [(step.has_slip, events.SLIP, p.factor, none, step.newly_slipping)]
     for happened, kind, factor, number, elements in (
         (step.has_limit_point & whole, events.LIMIT_POINT, p.factor, at_limit, no_element),
         (fork, events.BIFURCATION, zero, crossing, no_element),
         (step.has_slackening, events.SLACKENING, p.factor, none, step.newly_slack),
         (step.has_tightening, events.TIGHTENING, p.factor, none, step.newly_taut),
+        *([] if p.slipping is None else slips),
         (step.has_failure, events.MATERIAL_FAILURE, p.factor, none, step.ruptured),
     ):
         event |= {"kind": jnp.int32(kind), "load_factor": factor}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from ..mechanics.slips import elements_at_places
 from .negative_eigenvalues import eigenvalue_changed_sign, is_unstable, load_mode_alignment
 from .path_state import BracketEnd, PathState
 from .trial_step import PathProblem, TrialStep
@@ -27,11 +28,11 @@ class StepEvents(TrialStep):
 
     Attributes:
         usable: the end of the step is valid; the path can go on there unless `on_other_branch`.
-        newly_slack, newly_taut, ruptured: elements that go slack, that become taut, and that are
-            strained beyond their rupture strain in the step, those of all groups one after the
-            other.
-        has_limit_point, has_bifurcation, has_slackening, has_tightening, has_failure: the step
-            contains an event of this kind.
+        newly_slack, newly_taut, newly_slipping, ruptured: elements that go slack, that become taut,
+            that begin to slip, and that are strained beyond their rupture strain in the step, those
+            of all groups one after the other.
+        has_limit_point, has_bifurcation, has_slackening, has_tightening, has_slip, has_failure: the
+            step contains an event of this kind.
         on_other_branch: the step has ended on the other branch, close to a bifurcation.
         too_long: the step contains an event but is too long to locate it.
         located: the step contains an event and is short enough to locate it.
@@ -66,8 +67,14 @@ class StepEvents(TrialStep):
             self.ruptured = self.system.ruptured_elements(self.strains)
         self.has_slackening = known & jnp.any(self.newly_slack)
         self.has_tightening = known & jnp.any(self.newly_taut)
+        self.newly_slipping, self.has_slip = jnp.zeros_like(p.is_slack), jnp.zeros((), bool)
+        if p.slipping is not None and a.slipping is not None:
+            begins = p.slipping & ~a.slipping
+            self.newly_slipping = elements_at_places(self.system, p.x, begins)
+            self.has_slip = known & jnp.any(begins)
         self.has_failure = self.usable & jnp.any(self.ruptured) & ~on_other_branch
         corner = self.has_slackening | self.has_tightening | self.has_failure
+        corner = corner if p.slipping is None else corner | self.has_slip
         smooth = (self.has_limit_point | self.has_bifurcation) & ~corner
         crossing = self.has_limit_point | self.has_bifurcation | corner | on_other_branch
         # Very near to a bifurcation the tangent is lost in rounding. At some distance the stiffness

@@ -58,9 +58,10 @@ def trace_path(
     The load factor scales what the last phase adds (loads, changes of unstressed length, movements
     of supports); the number of increments of this phase is not used. The load factor starts at 0;
     the path ends where it reaches `until` or falls to `down_to`, or at a failure. Limit points,
-    bifurcations, slackening and tightening of cables and material failure are located along the
-    path to `tol`. Limit points and bifurcations differ in ``phi.F``: the load F does work on the
-    null vector phi of the tangent at a limit point, and none at a bifurcation.
+    bifurcations, slackening and tightening of cables, places where cables with friction begin to
+    slip, and material failure are located along the path to `tol`. Limit points and bifurcations
+    differ in ``phi.F``: the load F does work on the null vector phi of the tangent at a limit
+    point, and none at a bifurcation.
 
     The path is the one through the start; at a bifurcation it goes straight on. Where it bends
     sharply steps are shortened. As in any continuation, a neighbouring path can be mistaken for it:

@@ -12,6 +12,7 @@ from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import LoadRamp
+from ..mechanics.slips import slipping_places
 from .corrector import correct_onto_path, unknowns_without_stiffness
 from .path_state import PathPoint, PathSettings, PathState
 from .step_length import cosine_between_tangents, displacement_per_load
@@ -144,7 +145,11 @@ class TrialStep:
         return PathPoint(
             *(corrected.x, corrected.factor, direction / size, rise / size, a.memory),
             *inertia,
-            *(corrected.residual_by_factor, self._slack_elements()),
+            *(
+                corrected.residual_by_factor,
+                self._slack_elements(),
+                slipping_places(system, corrected.x),
+            ),
         )
 
     def _slack_elements(self) -> Bool[Array, " n_elem"]:

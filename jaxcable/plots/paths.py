@@ -8,7 +8,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.phase_results import Path
-from ..paths.events import BIFURCATION, LIMIT_POINT, MATERIAL_FAILURE, NAMES, SLACKENING, TIGHTENING
+from ..paths.events import (
+    BIFURCATION,
+    LIMIT_POINT,
+    MATERIAL_FAILURE,
+    NAMES,
+    SLACKENING,
+    SLIP,
+    TIGHTENING,
+)
 from ..paths.result import TracedPath
 from .style import GRID, SERIES, finish_figure, legend_below, new_figure
 
@@ -18,6 +26,7 @@ _MARKS = {
     SLACKENING: ("v", SERIES[2]),
     TIGHTENING: ("^", SERIES[3]),
     MATERIAL_FAILURE: ("X", "black"),
+    SLIP: ("s", SERIES[5]),
 }
 
 
