@@ -168,6 +168,7 @@ def tendon(n=21):
     return structure, length, bound
 
 
+@pytest.mark.slow  # in `make test` a tendon in a beam, tests/scenes/test_friction_scenes.py
 def test_losses_of_a_tendon():
     """Force at the far end, elongation, lock-off, and the draw-in of the anchor."""
     structure, length, bound = tendon()

@@ -99,7 +99,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.slow_cases("cantilever")
+@pytest.mark.slow_cases("cantilever", "six cables", "chain of bars")
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_shape_has_its_known_solution(name):
     shape, force, error = SHAPES[name]

@@ -57,7 +57,6 @@ def test_scenes(recipe):
     assert defect is None, f"{name}; {defect}; {recipe}"
 
 
-@pytest.mark.slow_cases("nodes nan", "stiffness nan")
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes(name):
     make, pattern = MISTAKES[name]

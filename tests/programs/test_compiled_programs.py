@@ -151,6 +151,7 @@ CALLS = {
 }
 
 
+@pytest.mark.slow_cases("path of beams", "tune")
 @pytest.mark.parametrize("name", CALLS)
 def test_first_call_compiles_few(name):
     """Other functions of the package, outside of `jax.jit`."""
