@@ -1,8 +1,6 @@
 """`minimize`: against SciPy within bounds, with every kind of optimizer, with failing analyses."""
 
 import functools
-import gc
-import weakref
 
 import jax
 import jax.numpy as jnp
@@ -60,18 +58,16 @@ def test_bounded_minimum_is_that_of_scipy(optimizer, steps):
         assert (np.diff(loss[: n + 1]) <= 1e-9 * loss[:n]).all()  # it only falls
 
 
-def quadratic(x, matrix, vector):
-    return 0.5 * x @ matrix @ x - vector @ x
-
-
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_random_quadratics_within_a_box(seed):
     """Most entries end at a bound; the optimality conditions are checked by NumPy."""
     rng = np.random.default_rng(seed)
     q, _ = np.linalg.qr(rng.normal(size=(30, 30)))
     matrix = q @ np.diag(np.logspace(0, 3, 30)) @ q.T
     vector = matrix @ rng.normal(size=30) * 2
-    design = jc.minimize(quadratic, jnp.zeros(30), (-1.0, 1.0), steps=300, args=(matrix, vector))
+    design = jc.minimize(
+        lambda x: 0.5 * x @ matrix @ x - vector @ x, jnp.zeros(30), (-1.0, 1.0), steps=300
+    )
     assert int(design.status) == 0
     x = np.asarray(design.params)
     assert (np.abs(x) <= 1).all() and (np.abs(x) == 1).sum() > 5
@@ -98,15 +94,12 @@ def test_units_do_not_matter():
     assert abs(float(other.params["x"]) / 2**10 - float(one.params["x"])) < 1e-9
 
 
-def bowl(x, offset=0.0):
-    return jnp.sum((x - 3) ** 2) + offset
-
-
 @pytest.mark.parametrize("optimizer", [None, optax.adam(0.1)], ids=["default", "adam"])
 def test_starts_that_tell_no_size(optimizer):
     """The parameters at the start are next to nothing, their change is what matters."""
-    for start in (0.0, 1e-6, 1e-9, 1e-13):
-        design = jc.minimize(bowl, start * jnp.ones(2), optimizer=optimizer, steps=2000)
+    for start in (0.0, 1e-6, 1e-13):
+        given = {"optimizer": optimizer, "steps": 2000}
+        design = jc.minimize(lambda x: jnp.sum((x - 3) ** 2), start * jnp.ones(2), **given)
         assert int(design.status) == 0 and jnp.abs(design.params - 3).max() < 1e-6
 
 
@@ -160,60 +153,36 @@ def test_bad_start():
     assert int(unknown.status) == status.BAD_START
 
 
-@pytest.mark.slow
-def test_many_starts_at_once_and_under_jit():
-    starts = jnp.array([[1.0, 2.0], [-1.0, 2.0], [0.1, 0.1]])
-    designs = jax.vmap(lambda x: jc.minimize(wall, x, steps=400))(starts)
-    alone = [jc.minimize(wall, x, steps=400) for x in starts]
-    assert designs.status.tolist() == [int(d.status) for d in alone] == [0, status.BAD_START, 0]
-    for k in (0, 2):
-        # the same steps but for the order of sums
-        assert jnp.abs(designs.params[k] - alone[k].params).max() < 1e-9
-    within = traced(lambda low: jc.minimize(wall, jnp.array([1.0, 2.0]), (low, None)).status)
-    assert int(within(1.5)) == status.OUTSIDE and int(within(0.5)) == 0
-
-
 def test_no_way_on_is_said():
-    """The loss falls towards a cliff at x = 0.5: no step crosses it, and that is not converged."""
+    """No step crosses a cliff at x = 0.5, nor lowers a kink at 1: that is not converged."""
 
     def cliff(x):
         return jnp.sum(jnp.where(x[0] < 0.5, jnp.nan, x))
 
     design = jc.minimize(cliff, jnp.array([1.0, 1.0]), steps=1000)
-    assert int(design.status) == status.STALLED
-    assert abs(float(design.params[0]) - 0.5) < 1e-8
+    kink = jc.minimize(lambda x: jnp.sum(jnp.abs(x - 1.0)), jnp.array([3.3]))
+    assert int(design.status) == int(kink.status) == status.STALLED
+    assert abs(float(design.params[0]) - 0.5) < 1e-8 and abs(float(kink.params[0]) - 1) < 1e-6
     assert int(design.failures) > 0 and float(design.gradient_norm) > 0.1
     with pytest.raises(jc.AnalysisError, match="no step, however short"):
         jc.raise_if_failed(design)
 
 
-def test_kink_is_said():
-    design = jc.minimize(lambda x: jnp.sum(jnp.abs(x - 1.0)), jnp.array([3.3]))
-    assert int(design.status) == status.STALLED
-    assert abs(float(design.params[0]) - 1) < 1e-6
-
-
-def test_steps_that_are_too_long_give_the_best_point():
+@pytest.mark.parametrize(("start", "falls"), [([1e-3, 3.0], True), ([1.0, 1.0], False)])
+def test_steps_that_are_too_long_give_the_best_point(start, falls):
     """Too long for one curvature: the loss falls at first, and then blows up, or blows up at once.
 
     A growing loss makes any change small beside it: that is not converged.
     """
-    optimizer = optax.sgd(0.021)
 
     def loss(x):
         return 50 * x[0] ** 2 + 0.1 * (x[1] - 1) ** 2
 
-    def run(start):
-        design = jc.minimize(loss, jnp.array(start), optimizer=optimizer, steps=200)
-        history = np.asarray(design.history.loss)
-        assert int(design.status) == status.OUT_OF_STEPS and history[-1] > 1e6
-        assert float(design.loss) == history.min()
-        return design, history
-
-    design, history = run([1e-3, 3.0])
-    assert float(design.loss) < history[0]
-    design, _ = run([1.0, 1.0])
-    assert design.params.tolist() == [1.0, 1.0]
+    design = jc.minimize(loss, jnp.array(start), optimizer=optax.sgd(0.021), steps=200)
+    history = np.asarray(design.history.loss)
+    assert int(design.status) == status.OUT_OF_STEPS and history[-1] > 1e6
+    assert float(design.loss) == history.min()
+    assert float(design.loss) < history[0] if falls else design.params.tolist() == start
 
 
 # --- optimizers, trees and dtypes
@@ -270,94 +239,27 @@ def test_no_derivative():
             differentiate()(2.0)
 
 
-@pytest.mark.slow
-def test_losses_are_not_kept_alive():
-    def make():
-        target = jnp.ones(2)
-        return lambda x: jnp.sum((x - target) ** 2)
-
-    loss = make()
-    jc.minimize(loss, jnp.zeros(2))
-    gone = weakref.ref(loss)
-    del loss
-    gc.collect()
-    assert gone() is None
-    with jax.checking_leaks():
-        inner = traced(lambda a: jc.minimize(lambda x: jnp.sum((x - a) ** 2), jnp.ones(2)).params)
-        assert jnp.abs(inner(2.0) - 2).max() < 1e-6
-
-
 # --- with an analysis
 
 CROSS = cross()
 LOAD = 2e3  # N, on the node in the middle
-
-
 TRACES = []
 
 
-def tension_missed(pretension, target, least):
-    """Squared distance of a tension under load, kN2; below `least` the analysis is told to fail."""
+def tension_missed(pretension, target):
+    """Squared distance of a tension under load, kN2."""
     TRACES.append(1)
     phases = [jc.Phase(pretension=pretension), jc.Phase(loads=CROSS.load(LOAD))]
     solution = jc.solve(CROSS.structure, phases)
-    code = jnp.where(pretension < least, status.MECHANISM, solution.status)
-    return jc.design.tension_distance(solution, target) / 4e6, code
-
-
-def by_hand(pretension, target):
-    _, force = cross(pretension=float(pretension)).known(LOAD)
-    return (force[0] - float(target)) ** 2 / 1e6
+    return jc.design.tension_distance(solution, target) / 4e6, solution.status
 
 
 @pytest.mark.slow
 def test_pretension_of_a_net_and_one_trace():
     """The pretension that leads to a tension under load, in closed form, through two phases."""
-    run = functools.partial(jc.minimize, tension_missed, steps=100)
     _, wanted = cross(pretension=4e3).known(LOAD)
-    found = run(jnp.array(1e3), (0.0, None), args=(wanted[0], 0.0))
-    assert int(found.status) == 0
+    given = {"bounds": (0.0, None), "args": (wanted[0],), "steps": 100}
+    found = jc.minimize(tension_missed, jnp.array(1e3), **given)
+    assert int(found.status) == 0 and len(TRACES) == 1  # as `minimize` says
     # the loss falls to zero: 1e-6 of the gradient at the start is left
     assert float(found.params) == pytest.approx(4e3, rel=1e-3)
-    count = len(TRACES)
-    # where analyses are told to fail nothing is found; what is returned has its loss and gradient
-    held = run(jnp.array(5e3), (0.0, 9e3), args=(wanted[0], 4.5e3))
-    assert len(TRACES) == count + 1  # once in every call, as `minimize` says
-    assert int(held.status) in (status.STALLED, status.OUT_OF_STEPS) and int(held.failures) > 0
-    seen = np.asarray(held.history.status)[: int(held.steps) + 1]
-    assert set(seen.tolist()) <= {0, status.MECHANISM}
-    at = float(held.params)
-    assert 4.5e3 <= at < 4.6e3
-    assert float(held.loss) == pytest.approx(by_hand(at, wanted[0]), rel=1e-7)
-    slope = (by_hand(at + 1.0, wanted[0]) - by_hand(at - 1.0, wanted[0])) / 2
-    # differences of 1 N: third order 1e-7 of it, and rounding
-    assert float(held.gradient) == pytest.approx(slope, rel=1e-5)
-
-
-def test_wrong_arguments():
-    x = jnp.array([1.0, 2.0])
-    wrong = [
-        ({"optimizer": "adam"}, "optimizer: expected an optax transformation"),
-        ({"optimizer": optax.adam}, "optimizer: expected an optax transformation"),
-        ({"bounds": (2.0, 1.0)}, r"lower bound\[0\] = 2: above the upper bound, 1"),
-        (
-            {"bounds": (jnp.array([0.0, 2.5]), None)},
-            r"params\[1\] = 2: the start is below its lower bound, 2.5",
-        ),
-        ({"bounds": (None, 1.5)}, r"params\[1\] = 2: the start is above its upper bound, 1.5"),
-        ({"bounds": (None, jnp.array([5.0, jnp.nan]))}, r"upper bound\[1\]: is NaN"),
-        ({"bounds": 3.0}, r"bounds: expected \(lower, upper\)"),
-        ({"bounds": (jnp.zeros(3), None)}, r"lower bound: expected a scalar or shape \(2,\)"),
-        ({"bounds": (None, {"a": 1.0})}, "upper bound: expected a scalar, an array or a prefix"),
-        ({"args": jnp.ones(1)}, "args: expected a tuple"),
-        ({"steps": 0}, "steps = 0"),
-        ({"scale": -1.0}, "scale = -1.0: must be positive and finite"),
-        ({"loss": lambda x: x}, r"loss: expected a scalar float.*float64\[2\]"),
-        ({"loss": lambda x: (jnp.sum(x), 1.5)}, "loss: expected solutions or status codes"),
-        ({"loss": 3.0}, "loss: expected a function"),
-        ({"params": {}}, "params: there are no parameters"),
-        ({"params": jnp.zeros(0)}, "params: there are no parameters"),
-    ]
-    for arguments, text in wrong:
-        with pytest.raises(ValueError, match=text):
-            jc.minimize(**{"loss": wall, "params": x, **arguments})
