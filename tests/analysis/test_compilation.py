@@ -132,7 +132,7 @@ def line_counts(name):
     return json.loads(done.stdout)[name]
 
 
-@pytest.mark.quick_cases("geiger_dome")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LINES)
 def test_programs_have_not_grown(name):
     for count, most in zip(line_counts(name), LINES[name], strict=True):

@@ -165,7 +165,7 @@ def crane():
     return jc.Structure(nodes, beams, supports=jc.restrained([0], "xyz", "xy")), 2
 
 
-@pytest.mark.quick_cases("gate-superlu", "crane-incremental")
+@pytest.mark.quick_cases("gate-superlu")
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 @pytest.mark.parametrize("scene", [gate, crane])
 def test_what_turns_freely_is_not_stable(scene, method):
