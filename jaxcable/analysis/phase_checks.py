@@ -122,6 +122,8 @@ def check_loads(
         with prefix_errors(f"{label}: "):
             given.check(structure)
             _require_known_nodes(given, structure)
+            if isinstance(given, FollowerLoad) and _is_known_to_be_zero(given):
+                continue  # it would make the tangent unsymmetric
             load, amplitude = split_amplitude(given, label, phase.increments)
             if isinstance(load, PrescribedMovement):
                 load.check_supported(fixed)
@@ -131,6 +133,12 @@ def check_loads(
             if isinstance(load, kind):
                 pairs.append((load, amplitude))
     return found
+
+
+def _is_known_to_be_zero(load):
+    """Return whether the numbers of a load that a factor would multiply are known, and all zero."""
+    values = [checks.array_if_known(getattr(load, name)) for name in load.scales]
+    return bool(values) and all(value is not None and not np.any(value) for value in values)
 
 
 def _require_known_nodes(given, structure):

@@ -217,6 +217,24 @@ _FORM_TEXTS = {
 """Texts on forms, whose forces are prescribed, where they differ from those on analyses."""
 
 
+_MOTION_TEXTS = {
+    NOT_CONVERGED: (
+        "no balance with inertia found within the allowed Newton steps: parts move too far in a "
+        "step. Take a smaller dt, let steps be divided (halvings=3), or a larger max_steps"
+    ),
+    AT_ROUNDING: (
+        "the residual falls no more: it is as small as rounding leaves it. EA is too large for "
+        "these forces, or dt too short for these displacements: use float64, a larger dt, softer "
+        "elements, or allow more by tol"
+    ),
+    MECHANISM: (
+        "parts move without limit in a step: nothing holds them, and they have no mass; give them "
+        "masses, add supports or elements, or take a smaller dt"
+    ),
+}
+"""Texts on motions in time, where they differ from those on analyses."""
+
+
 def describe(code: Int[ArrayLike, ""]) -> str:
     """Return the text for a status code: what happened and what to do next.
 
@@ -324,9 +342,8 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     if (codes := getattr(solution, "step_status", None)) is not None:  # a motion in time
         k = int(np.argmax(np.asarray(codes)[case] != OK))
         time = np.asarray(solution.time)[case][k]
-        raise AnalysisError(
-            f"{prefix}step {k} of {np.shape(codes)[-1] - 1}, at {time:.6g} s: {describe(code)}"
-        )
+        where = f"step {k} of {np.shape(codes)[-1] - 1}, at {time:.6g} s"
+        raise AnalysisError(f"{prefix}{where}: {_MOTION_TEXTS.get(code, describe(code))}")
     before = (
         "the analysis that this one starts from has failed: " if hasattr(solution, "phases") else ""
     )

@@ -72,6 +72,7 @@ class EnergyBalance:
         ends: tuple[MotionState, MotionState],
         before: tuple[Forces, Forces],
         after: tuple[Forces, Forces],
+        stored: Float[Array, ""],
     ) -> EnergyBalance:
         """Return the balance after a step.
 
@@ -79,12 +80,13 @@ class EnergyBalance:
             system: the `InertialSystem` of the step.
             ends: `MotionState` at both ends.
             before, after: loads and damping forces on rows at both ends, N and N m.
+            stored: energy stored at the end, J.
         """
         begin, end = ends
         space, at = system.space, (begin.motion, end.motion)
         moved = to_space_axes(space, end.motion, body_displacement(space, *at))
         works = [0.5 * jnp.sum((a + b) * moved) for a, b in zip(before, after, strict=True)]
-        kinetic, stored = kinetic_energy(system, end), system.stored_energy(end.motion)
+        kinetic = kinetic_energy(system, end)
         work, dissipated = self.work + works[0], self.dissipated + works[1]
         return EnergyBalance(kinetic, stored, work, dissipated, self.total)
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.sparse.linalg import cg
 
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, not_negative
 from ..common.tree import Indices, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
+from ..linear import Matrix, diagonal
 from ..loads.masses import PointMasses
 from ..mechanics.assembly import System
 from ..mechanics.bundles import Bundles
@@ -24,6 +27,7 @@ from ..stiffness.tangent import merge_solution_state, split_solution_state
 
 # Unknowns up to which matrices are dense: a pattern and its analysis would take longer.
 _DENSE_UNKNOWNS = 300
+_MOST_STEPS = 300  # of conjugate gradients with a mass matrix; 10 to 60 are needed
 
 Masses: TypeAlias = (
     "Float[ArrayLike, ' n_node'] | Float[ArrayLike, ''] | PointMasses | Sequence[PointMasses]"
@@ -109,19 +113,58 @@ def make_massive_system(
     return MassiveSystem(**vars(system), nodal_mass=masses), restart.motion
 
 
-def translations_of_unknowns(system: System) -> Float[Array, "n_free 3"]:
-    """Return the unknowns when all free nodes move by 1 m along x, y and z without rotation, m.
+def inertia_of_moving_ground(
+    system: MassiveSystem, x: Motion, gravity: Float[Array, ""], distribution: str | None
+) -> Float[Array, "n_free 3"]:
+    """Return the inertia forces on the unknowns when the ground accelerates by 1 m/s2, N.
 
-    They are the influence vectors of a ground that moves, [n_free, 3].
+    Columns are those along x, y and z. All nodes accelerate with the ground, supports included, so
+    that the mass that couples what is free to supports counts.
     """
-    dof_map, n_row = system.dof_map, len(system.nodes)
-    eye = jnp.eye(3, dtype=system.nodes.dtype)
-    axes = eye if dof_map.axes is None else jnp.asarray(dof_map.axes)
-    along = jnp.broadcast_to(axes, (n_row, 3, 3))
-    if dof_map.inner is not None:  # internal unknowns of elements are no displacements
-        along = jnp.where(jnp.asarray(dof_map.inner)[:, None, None], 0.0, along)
-    rotations = jnp.zeros((n_row, system.space.n_freedom - 3, 3), along.dtype)
-    return jnp.concatenate([along, rotations], axis=1).reshape(-1, 3)[dof_map.free]
+    ends: list[list[Array]] = [[], [], []]
+    for group, blocks in zip(
+        system.groups, system.mass_matrices(x, gravity, distribution), strict=True
+    ):
+        n_end, width = group.links.shape[1] - group.n_inner_row, group.n_freedom
+        size = round(blocks[0].size ** 0.5)
+        by_end = blocks.reshape(len(group.links), size, size)
+        for axis, found in enumerate(ends):
+            own = jnp.sum(by_end[:, :, axis : n_end * width : width], axis=2)
+            rows = own[:, : n_end * width].reshape(len(own), n_end, width)
+            rows = jnp.pad(rows, [(0, 0), (0, group.n_inner_row), (0, 0)])
+            if group.inner_unknowns:
+                at, columns = np.array(group.inner_unknowns).T
+                rows = rows.at[:, n_end + at, columns].set(own[:, n_end * width :])
+            found.append(system.space.pad_moments(rows))
+    columns = []
+    for axis, found in enumerate(ends):
+        force = system.sum_at_rows(found).at[: len(system.nodal_mass), axis].add(system.nodal_mass)
+        columns.append(system.space.restrict(force, x))
+    return jnp.stack(columns, axis=1)
+
+
+def movable_mass(
+    mass: Matrix, inertia: Float[Array, "n_free 3"], loose: Bool[Array, " n_free"]
+) -> Float[Array, " 3"]:
+    """Return the sum of the effective masses of all modes along x, y and z, [3], kg.
+
+    It is ``p M^-1 p`` with the `inertia` p of a moving ground, by conjugate gradients: scaled by
+    its diagonal, a mass matrix of finite elements has a small condition number, whatever its size.
+    """
+    size = diagonal(mass)
+    idle = (size <= 0) | loose
+    scale = jnp.where(idle, 1.0, size)
+
+    def product(v):
+        return jnp.where(idle, v, mass @ jnp.where(idle, 0.0, v))
+
+    tol = 100 * jnp.finfo(inertia.dtype).eps
+
+    def one(force):
+        solved, _ = cg(product, force, tol=tol, maxiter=_MOST_STEPS, M=lambda v: v / scale)
+        return force @ solved
+
+    return jax.vmap(one)(jnp.where(idle[:, None], 0.0, inertia).T)
 
 
 def nodal_masses(structure: Structure, masses: Any) -> Float[ArrayLike, " n_node"]:

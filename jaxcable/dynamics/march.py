@@ -180,10 +180,12 @@ def _advance_once(running, system_at, here, settings, duration):
             load = load + system.space.reactions(resisting, x)
         forces = load, system.damping_force(end)
         ends = running.state, end
-        energy = running.energy.after_step(system, ends, running.forces, forces)
-        memory = running.memory
+        memory, settled = running.memory, bare
         if memory is not None:
             memory = bare.commit_memory(x, duration=duration)
+            settled = system_at(here, memory)  # what a step dissipates is stored no more
+        stored = settled.stored_energy(x)
+        energy = running.energy.after_step(system, ends, running.forces, forces, stored)
         after = Running(end, memory, energy, forces, running.code, running.factored)
         return select_tree(ok, after, running)
 

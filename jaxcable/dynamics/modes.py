@@ -23,12 +23,13 @@ from ..numerics.scaled import mode_shape_scales
 from ..programs.program_calls import as_program
 from ..stiffness.tangent import require_dense_memory, require_symmetric_elements
 from .inertia import (
+    inertia_of_moving_ground,
     make_massive_system,
+    movable_mass,
     nodal_masses,
     split_for_modes,
-    translations_of_unknowns,
 )
-from .mode_derivatives import find_modes, multiply
+from .mode_derivatives import find_modes
 from .mode_warnings import (
     warn_of_freed_supports,
     warn_of_loose_nodes,
@@ -54,12 +55,11 @@ class NaturalModes:
         modal_mass: mass of each mode in this scale, [n], kg: twice its kinetic energy where the
             node that moves most has 1 m/s.
         participation: factors by which modes answer an acceleration of the ground along x, y, z,
-            [n, 3]. They, `effective_mass` and `total_mass` leave out the mass that couples what is
-            free to supports, of elements at supports: the error falls with the square of the length
-            of elements.
+            [n, 3]; the mass that couples what is free to supports counts.
         effective_mass: mass that each mode moves with along x, y, z, [n, 3], kg, whatever its
             scale; the sum over all modes is `total_mass`.
-        total_mass: mass that can move along x, y, z, without that of `loose` nodes, [3], kg.
+        total_mass: mass that can move against the ground along x, y, z, without that of `loose`
+            nodes, [3], kg: all but the part of elements at supports that moves with these.
         repeated: whether another mode has the same frequency (to 1e-6 of its square), [n] bool:
             such modes are one basis of many, and derivatives of frequency and shape are NaN.
         loose: nodes that slack cables alone hold, left out of the modes, [n_node] bool.
@@ -248,8 +248,7 @@ def _natural_modes(split, gravity, masses, distribution, n):
     scale = mode_shape_scales(shape, found.vectors)
     massive = jnp.isfinite(found.squared)
     unscaled = jnp.where((scale == 0) & massive, 1.0, scale)  # rotations alone: no displacements
-    along = jnp.where(loose[:, None], 0.0, translations_of_unknowns(system))
-    pulled = multiply(mass, along.T).T
+    pulled = inertia_of_moving_ground(system, x, gravity, distribution)
     shares = found.vectors @ pulled
     modal_mass = jnp.where(massive, unscaled**2, 0.0)
     positive_mode = found.squared > 0
@@ -263,7 +262,7 @@ def _natural_modes(split, gravity, masses, distribution, n):
         modal_mass=modal_mass,
         participation=shares / jnp.where(massive, unscaled, 1.0)[:, None],
         effective_mass=shares**2,
-        total_mass=jnp.sum(along * pulled, axis=0),
+        total_mass=movable_mass(mass, pulled, loose),
         repeated=found.repeated,
         loose=_nodes_of_unknowns(loose, dof_map, len(system.nodal_mass)),
         status=jnp.where(ok, status.OK, status.MODES_NOT_FOUND).astype(jnp.int32),

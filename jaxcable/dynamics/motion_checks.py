@@ -129,7 +129,8 @@ def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) ->
     """Return after how many steps a `Removal` takes place.
 
     Raises:
-        ValueError: its time is no whole number of steps or traced; its forces end after the motion.
+        ValueError: its time is no whole number of steps, the end of the motion, or traced; its
+            forces end after the motion.
     """
     given = removes.time, duration, removes.duration
     known: list[Any] = [checks.array_if_known(v) for v in given]
@@ -137,9 +138,10 @@ def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) ->
     if not (time is not None and time == 0) and (time is None or step is None):
         raise ValueError("removes.time, dt: are traced; the step of a removal is topology")
     number = 0.0 if time == 0 else float(time) / float(step)
-    if abs(number - round(number)) > 1e-6 or round(number) > steps:
+    if abs(number - round(number)) > 1e-6 or round(number) >= steps:
         raise ValueError(
-            f"removes.time = {time}: expected a whole number of steps of {step} s, up to {steps}"
+            f"removes.time = {time}: expected a whole number of steps of {step} s, fewer than "
+            f"{steps}, after which the motion ends"
         )
     if step is not None and release is not None and release > (steps - number + 1e-6) * step:
         raise ValueError(

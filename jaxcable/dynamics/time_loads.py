@@ -57,6 +57,11 @@ def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> T
                 if not isinstance(first, PersistentLoad):
                     raise ValueError(f"loads[{k}]: a function cannot return a {type(first)}")
                 moving[len(kept)] = one
+            acts: Any = first.load if isinstance(first, Varying) else first
+            for name in acts.scales:
+                value = getattr(acts, name)
+                if value is not None:
+                    require_finite(value, f"loads[{k}].{name}")
             # all of it acts from the start on
             kept.append(first if isinstance(first, Varying) else Varying(first, (0, 1), (1, 1)))
         else:

@@ -245,8 +245,9 @@ class Elementwise:
         return mean_length(self.groups, self.nodes)
 
     def extent(self) -> Float[Array, ""]:
-        """Return the diagonal of the structure's bounding box, m."""
-        return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
+        """Return the diagonal of the structure's bounding box, m; infinite if all is at a point."""
+        size = jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
+        return jnp.where(size > 0, size, jnp.inf)
 
 
 @dataclasses.dataclass(frozen=True)

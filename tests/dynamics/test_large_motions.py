@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
-from scipy.special import jn_zeros
+from scipy.special import ellipj, ellipk, jn_zeros
 
 import jaxcable as jc
 from jaxcable.dynamics import Dashpots, transient
@@ -226,3 +226,80 @@ def test_a_gradient_of_a_peak_by_damper_and_pretension():
         assert_allclose(rate[k], difference, rtol=1e-6)
     forward = jax.jvp(peak, (p,), (jnp.ones(2),))[1]
     assert_allclose(forward, rate.sum(), rtol=1e-9)
+
+
+def test_a_beam_swings_as_a_physical_pendulum():
+    """Second order over three halvings, about the elliptic functions of the exact swing.
+
+    The beam is released at 2 rad, a quarter of the period before its lowest place. Its moment of
+    inertia about the pin is ``m L^2 / 3`` and that of its sections, ``m h^2 / 12``.
+    """
+    length, depth, first = 2.0, 0.2, 2.0
+    section = jc.Section.rectangle(depth, depth, jc.Elastic(1e12))  # nearly rigid
+    place = length * np.array([np.sin(first), -np.cos(first)])
+    nodes = [[0.0, 0.0, 0.0], [place[0], 0.0, place[1]]]
+    weight = depth**2 * 7850 * GRAVITY
+    beam = jc.Beams([[0, 1]], section=section, weight=weight, up=(0, 1, 0))
+    structure = jc.Structure(nodes, beam, supports=jc.restrained([0], "xyz", "xz"))
+    inertia = length**2 / 3 + depth**2 / 12
+    pace, modulus = np.sqrt(GRAVITY * length / 2 / inertia), np.sin(first / 2) ** 2
+    quarter = ellipk(modulus) / pace
+    angles = {}
+    for share in (1.0, 0.5):  # at the lowest place, and halfway
+        sine = ellipj(ellipk(modulus) - pace * share * quarter, modulus)[0]
+        angles[share] = 2 * np.arcsin(np.sqrt(modulus) * sine)
+    assert abs(angles[1.0]) < 1e-12
+    errors = []
+    for steps in (20, 40, 80, 160):
+        moved = transient(
+            *(structure, jc.SelfWeight()),
+            dt=quarter / steps,
+            steps=steps,
+            spectral_radius=0.8,
+            distribution="consistent",
+            nodes=[1],
+        )
+        assert int(moved.status) == 0
+        at = np.asarray(moved.displacement)[:, 0, [0, 2]] + place
+        angle = np.arctan2(at[:, 0], -at[:, 1])
+        errors.append([abs(angle[k] - angles[s]) for s, k in ((0.5, steps // 2), (1.0, steps))])
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    assert_allclose(orders, 2, atol=0.1)
+    assert errors[-1][1] < 3e-4  # 160 steps in a quarter of the period
+
+
+def test_two_masses_on_a_rope_over_a_pulley_with_friction():
+    """``a = g (m2 - m1 e) / (m2 + m1 e)``, e = exp(mu pi), of a light rope; below it sticks.
+
+    The rope is stiff and taut at once: its vibrations die out in the first half of the motion.
+    """
+    friction, one, dt, steps = 0.1, 10.0, 0.005, 60
+    nodes = [[-0.3, 0, -2.0], [-0.3, 0, 0.0], [0.3, 0, 0.0], [0.3, 0, -2.0]]
+    rope = jc.FrictionCables([[0, 1, 2, 3]], axial_stiffness=1e7, friction=friction)
+    structure = jc.Structure(nodes, rope, jc.pinned([1, 2]) + jc.restrained([0, 3], "xy"))
+    ratio = np.exp(friction * np.pi)
+    for other in (20.0, 13.0):
+        weights = jc.PointMasses([0, 3], [one, other])
+        moved = transient(
+            *(structure, weights),
+            dt=dt,
+            steps=steps,
+            masses=weights,
+            spectral_radius=0.0,
+            histories=["displacement", "velocity", "segment_tension"],
+        )
+        assert int(moved.status) == 0
+        tension = np.asarray(moved.histories["segment_tension"])[-1, 0]
+        way, speed = (-np.asarray(x)[:, 3, 2] for x in (moved.displacement, moved.velocity))
+        lost, half = -np.asarray(moved.energy.error), steps // 2
+        if other < one * ratio:
+            assert abs(speed[-1]) < 1e-6 and abs(lost[-1] - lost[half]) < 1e-9
+            assert_allclose(tension[[0, -1]], [one * GRAVITY, other * GRAVITY], rtol=1e-5)
+            continue
+        pace = GRAVITY * (other - one * ratio) / (other + one * ratio)
+        assert_allclose((speed[-1] - speed[half]) / (dt * (steps - half)), pace, rtol=1e-5)
+        assert_allclose(tension[0], one * (GRAVITY + pace), rtol=1e-5)
+        assert_allclose(tension[-1] / tension[0], ratio, rtol=1e-9)
+        # the bearing forces work on the rope that slips: the difference of the tensions
+        work = one * (GRAVITY + pace) * (ratio - 1) * (way[-1] - way[half])
+        assert_allclose(lost[-1] - lost[half], work, rtol=1e-5)

@@ -31,6 +31,14 @@ def step(time):
         ({"removes": 0}, "removes: expected a Removal, got int"),
         ({"removes": jc.only([0])}, "removes: expected a Removal, got Selection"),
         ({"removes": Removal(True, 0.1, 2.0)}, r"removes.duration = 2.0: .* after the motion"),
+        (
+            {"removes": Removal(True, GIVEN["dt"] * 6)},
+            "removes.time = .*: expected .* fewer than 6",
+        ),
+        (
+            {"loads": jc.NodalLoads([1], (0, 0, np.nan))},
+            r"loads\[0\].forces.* = nan: must be finite",
+        ),
         ({"distribution": "lump"}, "distribution = 'lump': expected one of lumped"),
         ({"nodes": np.array([True, False])}, r"nodes: expected integers, got bool"),
         ({"nodes": [1.5]}, "nodes: expected integers"),
@@ -108,7 +116,9 @@ def test_nodes_of_histories_and_of_pictures():
 def test_a_failure_names_its_step():
     thrown = {"dt": 0.05, "velocity": [[0, 0, 0], [40.0, 9.0, 0]], "method": jc.Newton(max_steps=3)}
     moved = one_bar(**thrown)
-    with pytest.raises(jc.AnalysisError, match=r"^step \d of 6, at 0\.\d+ s: no equilibrium"):
+    with pytest.raises(
+        jc.AnalysisError, match=r"^step \d of 6, at 0\.\d+ s: no balance.*a smaller dt"
+    ):
         jc.raise_if_failed(moved)
 
 

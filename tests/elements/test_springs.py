@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.shapes import pieces
+from numpy.testing import assert_allclose
 from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient, joined
 from scipy.spatial.transform import Rotation
@@ -202,3 +203,13 @@ def test_reports_files_and_pictures(tmp_path):
     again, _ = jc.load_scene(path)
     assert np.array_equal(again.elements["ground"].gap, bearings.gap)
     jc.files.save_vtk(tmp_path / "scene.vtk", structure, solution)
+
+
+def test_a_single_node_on_springs_is_no_mechanism():
+    """A structure without extent: its movement is measured by nothing but the springs."""
+    structure = jc.Structure(
+        [[0.0, 0, 0]], jc.Springs([0], (1e3, 1e3, 1e3)), jc.restrained([0], "x")
+    )
+    load = jc.NodalLoads([0], (0.0, 0.0, -100.0))
+    solution = converged(jc.solve(structure, jc.Phase(loads=load)))
+    assert_allclose(solution.displacement, [[0, 0, -0.1]], atol=1e-12)

@@ -286,3 +286,15 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
         load = np.abs(tangent - dead)[own].max()
         apart = np.abs(tangent - tangent.T)[own].max() / load
         assert load > 0 and (apart < 1e-11 if symmetric else apart > 0.01)  # eps EA/l over p
+
+
+def test_a_pressure_that_is_known_to_be_zero_is_none():
+    """It would make the tangent unsymmetric, and modes would be refused."""
+    nodes, links = pieces(4, 10.0)
+    cable = jc.Cables(links, axial_stiffness=1e6)
+    structure = jc.Structure(nodes, cable, jc.pinned([0, 4]))
+    found = []
+    for pressure in (None, jc.CablePressure(0.0, axis=(0.0, 1.0, 0.0), per="unstressed")):
+        solution = converged(jc.solve(structure, jc.Phase(pretension=1e3, loads=pressure)))
+        found.append(jc.dynamics.modes(structure, solution, n=3, masses=1.0).frequency)
+    assert np.array_equal(*found)
