@@ -15,6 +15,7 @@ from ..analysis.phases import Phase
 from ..analysis.solution import Solution
 from ..analysis.solver import solve
 from ..common import checks
+from ..common.status import OK
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..forms import end_tensions
@@ -244,6 +245,10 @@ def analyse(
             every = jax.tree.map(lambda x: jnp.repeat(x, len(patterns), axis=2), every)
         found |= {name: jax.tree.map(lambda x, j=j: x[j], every) for j, name in enumerate(own)}
     forces, status, stable = jax.tree.map(lambda *x: jnp.stack(x), *(found[n] for n in states))
+    # an erection that has failed has a last converged state, from which no case may start
+    erected = jnp.asarray(built.status) == OK
+    forces = jax.tree.map(lambda x: jnp.where(erected, x, jnp.nan), forces)
+    status, stable = jnp.where(erected, status, built.status), stable & erected
     names = "mean", *(patch.name for patch in mast.layout.patches)
     return MastResults(tuple(states), angles, names, forces, status, stable)
 

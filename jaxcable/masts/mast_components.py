@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 from ..common import checks
-from ..common.rules import not_negative, positive, refuse_if_broken
+from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
 from ..common.tree import pytree, set_fields
 from ..common.types import ArrayLike, Float
 
@@ -48,8 +51,8 @@ class MastSection:
 
     def __post_init__(self):
         _convert_numbers(self, self._all_fields)
-        refuse_if_broken([positive(name, getattr(self, name)) for name in self._all_fields[:4]])
-        refuse_if_broken([not_negative(name, getattr(self, name)) for name in self._all_fields[5:]])
+        keep_rule(self, positive, self._all_fields[:5])
+        keep_rule(self, not_negative, self._all_fields[5:])
 
 
 @pytree
@@ -111,8 +114,10 @@ class GuyLevel:
                 )
             xp = checks.numpy_or_jax(value)
             set_fields(self, **{name: xp.broadcast_to(value, azimuths.shape) + 0.0})
-        names = ("height", "radius", "EA", "weight", "diameter", "strength", "tension", "arm")
-        refuse_if_broken([positive(name, getattr(self, name)) for name in names])
+        refuse_if_broken([positive("tension", self.tension)])  # traced: the phase that has it
+        names = ("height", "radius", "EA", "weight", "diameter", "strength", "arm")
+        keep_rule(self, positive, names)
+        keep_rule(self, not_negative, ["drag"])
 
 
 @pytree(static=("name",))
@@ -151,9 +156,7 @@ class Ancillary:
             if getattr(self, iced) is None:
                 set_fields(self, **{iced: bare})
         _convert_numbers(self, self._data_fields)
-        refuse_if_broken(
-            [not_negative(name, getattr(self, name)) for name in self._data_fields[:5]]
-        )
+        keep_rule(self, not_negative, self._data_fields[:5])
 
 
 def _convert_numbers(record, names):
@@ -161,3 +164,14 @@ def _convert_numbers(record, names):
     for name in names:
         if getattr(record, name) is not None:
             set_fields(record, **{name: checks.as_scalar(getattr(record, name), name)})
+
+
+def keep_rule(record: Any, make_rule: Callable[[str, Any], Rule], names: Sequence[str]) -> None:
+    """Have numbers of a record keep a rule: ValueError for known ones, NaN for traced ones.
+
+    `make_rule` is a function of name and value, such as `positive`; None keeps every rule.
+    """
+    for name in names:
+        if getattr(record, name) is not None:
+            value = nan_if_broken(make_rule(name, getattr(record, name)))
+            set_fields(record, **{name: value})

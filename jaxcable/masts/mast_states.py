@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import not_negative, refuse_if_broken
+from ..common.rules import not_negative
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..loads import EurocodeWind, LineLoads, NodalLoads, WindLoads, WindPowerLaw
@@ -16,6 +16,7 @@ from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
 from ..loads.wind_profiles import WindProfile
 from .guyed_mast import GuyedMast
+from .mast_components import keep_rule
 
 PEAK_FACTOR = 3.5
 """Factor k_s of EN 1993-3-1, B.4.3.2.3; ``1 + 2 k_s I_v`` is then that of EN 1991-1-4."""
@@ -78,9 +79,7 @@ class MastState:
         for name in self._data_fields[2:]:
             if getattr(self, name) is not None:
                 set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
-        refuse_if_broken(
-            [not_negative(name, getattr(self, name)) for name in self._data_fields[2:-1]]
-        )
+        keep_rule(self, not_negative, self._data_fields[2:-1])
 
     def ice_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the thickness of the ice at heights above the base, m, in their shape."""

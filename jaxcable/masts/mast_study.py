@@ -149,9 +149,7 @@ def _at_nodes(values, pick):
 def _tables(study):
     """Return the tables of a study by name: guys, mast, foundations, directions."""
     mast, results, every = study.job.mast, study.results, study.envelopes()
-    low, high = (
-        {k: np.asarray(getattr(x, k)) for k in _FIELDS} for x in (study.low, study.high)
-    )
+    low, high = ({k: np.asarray(getattr(x, k)) for k in _FIELDS} for x in (study.low, study.high))
     most, least = high["tensions"].max(-1), low["tensions"].min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))

@@ -502,6 +502,7 @@ of_power_law("exponent"),  # exponent: exponent = -1.0: must not be negative
 of_power_law("reference_height"), 1.0, 0.0  # reference_height: reference_height = 0.0: must be pos
 of_power_law("lowest_height"),  # lowest_height: lowest_height = -1.0: must not be negative
 of_power_law("density"), 1.0, 0.0  # density: density = 0.0: must be positive
+of_power_law("highest_height"), 9.0, 0.0  # highest_height: highest_height = 0.0: must be positive
 of_eurocode("velocity"),  # velocity: velocity = -1.0: must not be negative
 of_eurocode("orography"),  # orography: orography = -1.0: must be positive
 of_eurocode("turbulence"),  # turbulence: turbulence = -1.0: must not be negative
@@ -644,6 +645,7 @@ OTHERWISE = {
     "analysis/absent_elements.py:_warn_of_lost_value": "a warning",
     "analysis/absent_elements.py:_loaded_elements": "a warning",
     "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
+    "analysis/phase_checks.py:_is_known_to_be_zero": "no rule: whether a load can be left out",
     "loads/groups.py:scatter_to_nodes": "no rule: which library computes",
     "loads/nodal.py:describe": "no rule: what is said of it",
     "reporting/load_descriptions.py:_numbers_of_load": "no rule: what is said of it",
