@@ -73,7 +73,7 @@ class MastStudy:
         return found | {k: found[k][..., [0, 2]].reshape(ends) for k in "NVM"}
 
     def report(self) -> Report:
-        """Return tables of guys, mast and foundations, and sentences on what governs."""
+        """Return tables of input, guys, mast and foundations, and sentences on what governs."""
         found, tables = self.results, _tables(self)
         count, directions, patches = np.shape(found.status)
         sentences = [
@@ -147,9 +147,21 @@ def _at_nodes(values, pick):
 
 
 def _tables(study):
-    """Return the tables of a study by name: guys, mast, foundations."""
+    """Return the tables of a study by name: sections, states, guys, mast, foundations."""
     mast, every = study.job.mast, study.envelopes()
     low, high = (jax.tree.map(np.asarray, x) for x in (study.low, study.high))
+    fields = "top", "EA", "EI", "GJ", "weight", "drag_area"
+    rows = [tuple(float(getattr(x, k)) for k in fields) for x in mast.sections]
+    heads = ("top", "m"), ("EA", "N"), ("EI", "N m2"), ("GJ", "N m2"), ("weight", "N/m")
+    columns = columns_of_rows(rows, *heads, ("drag area", "m2/m"))
+    tables = {"sections": make_table("Sections of the mast", columns)}
+    factors = "wind_factor", "weight_factor", "ice"
+    rows = [
+        (name, x.wind.describe(), *(float(getattr(x, k)) for k in factors))
+        for name, x in study.job.states.items()
+    ]
+    heads = "state", "wind", ("wind factor", "-"), ("weight factor", "-"), ("ice", "m", "at 10 m")
+    tables["states"] = make_table("States", columns_of_rows(rows, *heads))
     most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
@@ -161,9 +173,8 @@ def _tables(study):
         *(("at mast", "N"), ("largest", "N"), ("utilization", "-", "of strength"), "largest in"),
         *(("smallest", "N"), "smallest in"),
     )
-    tables = {
-        "guys": make_table("Tensions of guys", columns_of_rows([*zip(*guys, strict=True)], *heads))
-    }
+    columns = columns_of_rows([*zip(*guys, strict=True)], *heads)
+    tables["guys"] = make_table("Tensions of guys", columns)
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
@@ -183,6 +194,8 @@ def _tables(study):
         ("base", "moment, N m"): np.hypot(size.base_moment[..., 0], size.base_moment[..., 1]),
         ("base", "torsion, N m"): size.base_moment[..., 2],
     }
+    if mast.base == "hinged":
+        del parts["base", "moment, N m"]
     for j, text in ((0, "towards the mast, N"), (2, "upwards, N")):
         parts |= {(f"anchor {n}", text): high.anchors[..., k, j] for k, n in enumerate(names)}
     values, cases = _governing(study, np.stack([*parts.values()], axis=-1))
