@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -28,6 +27,7 @@ from .guyed_mast import GuyedMast
 from .mast_states import MastState
 
 _DIRECTIONS = 12
+_FEW = 8  # cases up to which they are no batch
 
 
 @pytree
@@ -236,10 +236,7 @@ def analyse(
         k, d, p = (x.ravel() for x in np.indices(shape))
         stacked = jax.tree.map(_stack_floats, *own.values())
         case = jax.tree.map(lambda x, k=k: x[k], stacked), angles[d], patterns[p], shares[p]
-        # all cases in front of the same numbers: then no number is a constant of the program
-        copied = functools.partial(_repeat, count=len(k))
-        start = jax.tree.map(copied, (mast, built.solution.last))
-        every = batched(_analyse_case)(*start, *case)
+        every = _analyse_each(mast, built.solution.last, case, len(k))
         every = jax.tree.map(lambda x, s=shape: x.reshape((*s, *x.shape[1:])), every)
         if not with_gusts:  # every patch is the mean
             every = jax.tree.map(lambda x: jnp.repeat(x, len(patterns), axis=2), every)
@@ -259,9 +256,16 @@ def _stack_floats(*values):
     return xp.stack([xp.asarray(x, float) for x in values])
 
 
-def _repeat(x, count):
-    """Return `count` copies of an array on a new first axis."""
-    return checks.numpy_or_jax(x).broadcast_to(x, (count, *np.shape(x)))
+def _analyse_each(mast, start, cases, count):
+    """Return what `_analyse_case` does of `count` cases; few ones one by one, traced sooner."""
+    if count > _FEW:
+        # all cases in front of the same numbers: then no number is a constant of the program
+        same = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *jnp.shape(x))), (mast, start))
+        return batched(_analyse_case)(*same, *cases)
+    each = [
+        _analyse_one(mast, start, *jax.tree.map(lambda x, k=k: x[k], cases)) for k in range(count)
+    ]
+    return jax.tree.map(lambda *x: jnp.stack(x), *each)
 
 
 def patterns_of_patches(mast):
@@ -276,6 +280,12 @@ def patterns_of_patches(mast):
     every = [mast.guy_share(patch) for patch in patches]
     xp = checks.numpy_or_jax(every)
     return patterns, xp.stack([xp.zeros_like(every[0]), *every])
+
+
+@as_program
+def _analyse_one(mast, start, state, direction, pattern, shares):
+    """Return what `_analyse_case` does; a program."""
+    return _analyse_case(mast, start, state, direction, pattern, shares)
 
 
 def _analyse_case(mast, start, state, direction, pattern, shares):

@@ -15,7 +15,7 @@ SAME_HEIGHT = 1e-6
 
 
 class Patch(NamedTuple):
-    """A part of the height of a mast: name, ends as indices of breaks (`Layout`), elements."""
+    """A part of a mast: its name, its ends as indices of breaks (`Layout`), its elements."""
 
     name: str
     low: int

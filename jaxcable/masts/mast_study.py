@@ -6,6 +6,7 @@ import dataclasses
 from os import PathLike
 from typing import TYPE_CHECKING
 
+import jax
 import numpy as np
 
 from ..common import status
@@ -18,7 +19,6 @@ from .mast_files import MastJob
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FIELDS = [field.name for field in dataclasses.fields(MastForces)]
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
 
 
@@ -59,21 +59,21 @@ class MastStudy:
         "displacement", "sway" and "twist" (rad) of the nodes; "N" (smallest), "V" and "M" at both
         ends of each element, n is twice their number. All but N are sizes.
         """
-        pairs = {k: (getattr(self.low, k), getattr(self.high, k)) for k in _FIELDS}
-        most = {k: np.maximum(*np.abs([np.asarray(x) for x in own])) for k, own in pairs.items()}
+        both = (jax.tree.map(np.asarray, x) for x in (self.low, self.high))
+        most = jax.tree.map(lambda x, y: np.maximum(np.abs(x), np.abs(y)), *both)
         found = {
-            "displacement": np.hypot(*np.moveaxis(most["displacement"], -1, 0)[:2]),
-            "sway": np.hypot(*np.moveaxis(most["rotation"], -1, 0)[:2]),
-            "twist": most["rotation"][..., 2],
+            "displacement": np.hypot(*np.moveaxis(most.displacement, -1, 0)[:2]),
+            "sway": np.hypot(*np.moveaxis(most.rotation, -1, 0)[:2]),
+            "twist": most.rotation[..., 2],
             "N": np.asarray(self.low.axial),
-            "V": np.hypot(*np.moveaxis(most["shear"], -1, 0)),
-            "M": np.hypot(*np.moveaxis(most["moment"], -1, 0)),
+            "V": np.hypot(*np.moveaxis(most.shear, -1, 0)),
+            "M": np.hypot(*np.moveaxis(most.moment, -1, 0)),
         }
         ends = (*found["N"].shape[:2], -1)
         return found | {k: found[k][..., [0, 2]].reshape(ends) for k in "NVM"}
 
     def report(self) -> Report:
-        """Return tables of guys, mast, foundations, directions, and sentences on what governs."""
+        """Return tables of input, guys, mast and foundations, and sentences on what governs."""
         found, tables = self.results, _tables(self)
         count, directions, patches = np.shape(found.status)
         sentences = [
@@ -147,10 +147,22 @@ def _at_nodes(values, pick):
 
 
 def _tables(study):
-    """Return the tables of a study by name: guys, mast, foundations, directions."""
-    mast, results, every = study.job.mast, study.results, study.envelopes()
-    low, high = ({k: np.asarray(getattr(x, k)) for k in _FIELDS} for x in (study.low, study.high))
-    most, least = high["tensions"].max(-1), low["tensions"].min(-1)
+    """Return the tables of a study by name: sections, states, guys, mast, foundations."""
+    mast, every = study.job.mast, study.envelopes()
+    low, high = (jax.tree.map(np.asarray, x) for x in (study.low, study.high))
+    fields = "top", "EA", "EI", "GJ", "weight", "drag_area"
+    rows = [tuple(float(getattr(x, k)) for k in fields) for x in mast.sections]
+    heads = ("top", "m"), ("EA", "N"), ("EI", "N m2"), ("GJ", "N m2"), ("weight", "N/m")
+    columns = columns_of_rows(rows, *heads, ("drag area", "m2/m"))
+    tables = {"sections": make_table("Sections of the mast", columns)}
+    factors = "wind_factor", "weight_factor", "ice"
+    rows = [
+        (name, x.wind.describe(), *(float(getattr(x, k)) for k in factors))
+        for name, x in study.job.states.items()
+    ]
+    heads = "state", "wind", ("wind factor", "-"), ("weight factor", "-"), ("ice", "m", "at 10 m")
+    tables["states"] = make_table("States", columns_of_rows(rows, *heads))
+    most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
     built, names = np.asarray(study.built.tensions), mast.guy_names
@@ -161,9 +173,8 @@ def _tables(study):
         *(("at mast", "N"), ("largest", "N"), ("utilization", "-", "of strength"), "largest in"),
         *(("smallest", "N"), "smallest in"),
     )
-    tables = {
-        "guys": make_table("Tensions of guys", columns_of_rows([*zip(*guys, strict=True)], *heads))
-    }
+    columns = columns_of_rows([*zip(*guys, strict=True)], *heads)
+    tables["guys"] = make_table("Tensions of guys", columns)
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
@@ -176,32 +187,21 @@ def _tables(study):
     )
     rows = [*zip(heights, *columns, strict=True)]
     tables["mast"] = make_table("Envelope of the mast", columns_of_rows(rows, *heads), (_NOTE,))
-    size = {k: np.maximum(np.abs(low[k]), np.abs(high[k])) for k in ("base", "base_moment")}
+    size = jax.tree.map(lambda x, y: np.maximum(np.abs(x), np.abs(y)), low, high)
     parts = {
-        ("base", "downwards, N"): high["base"][..., 2],
-        ("base", "horizontal, N"): np.hypot(size["base"][..., 0], size["base"][..., 1]),
-        ("base", "moment, N m"): np.hypot(size["base_moment"][..., 0], size["base_moment"][..., 1]),
-        ("base", "torsion, N m"): size["base_moment"][..., 2],
+        ("base", "downwards, N"): high.base[..., 2],
+        ("base", "horizontal, N"): np.hypot(size.base[..., 0], size.base[..., 1]),
+        ("base", "moment, N m"): np.hypot(size.base_moment[..., 0], size.base_moment[..., 1]),
+        ("base", "torsion, N m"): size.base_moment[..., 2],
     }
+    if mast.base == "hinged":
+        del parts["base", "moment, N m"]
     for j, text in ((0, "towards the mast, N"), (2, "upwards, N")):
-        parts |= {(f"anchor {n}", text): high["anchors"][..., k, j] for k, n in enumerate(names)}
+        parts |= {(f"anchor {n}", text): high.anchors[..., k, j] for k, n in enumerate(names)}
     values, cases = _governing(study, np.stack([*parts.values()], axis=-1))
     rows = [(*key, x, case) for key, x, case in zip(parts, values, cases, strict=True)]
     heads = "at", "component", ("largest", ""), "in"
     tables["foundations"] = make_table("Forces on foundations", columns_of_rows(rows, *heads))
-    columns = every["displacement"][..., -1], np.degrees(every["sway"].max(-1)), every["M"].max(-1)
-    columns = [*columns, most.max(-1), least.min(-1), high["base"][..., 2]]
-    rows = [
-        (name, float(angle), *(float(x[k, d]) for x in columns))
-        for k, name in enumerate(results.names)
-        for d, angle in enumerate(np.asarray(results.directions))
-    ]
-    heads = (
-        *("state", ("wind to", "deg"), ("top", "m", "displacement of the top"), ("sway", "deg")),
-        *(("M", "N m", "largest M"), ("largest", "N", "largest tension of a guy")),
-        *(("smallest", "N", "smallest tension of a guy"), ("base", "N", "force on the base")),
-    )
-    tables["directions"] = make_table("States and directions", columns_of_rows(rows, *heads))
     return tables
 
 

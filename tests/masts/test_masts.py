@@ -39,8 +39,8 @@ EUROCODE = jc.masts.eurocode_state(26.0, "II", wind_factor=1.3, ice=0.01, weight
 
 @functools.cache
 def analysed(state=CONSTANT):
-    """The cases of the small mast in one state with ice and gusts, wind to two directions."""
-    found = jc.masts.analyse(built(), {"ice": state}, [0.0, 40.0])
+    """The cases of the small mast in one state with ice and gusts, wind to one direction."""
+    found = jc.masts.analyse(built(), {"ice": state}, [40.0])
     assert (np.asarray(found.status) == jc.status.OK).all() and np.asarray(found.stable).all()
     return found
 
@@ -116,10 +116,20 @@ def compare(mast, rod, forces, direction, tolerance):
         np.testing.assert_allclose(forces.tensions[k], ends, rtol=tolerance)
 
 
+def test_guys_have_their_tensions_at_the_anchors():
+    found, strength = built(), 266e3
+    np.testing.assert_allclose(found.tensions[:, 0], 0.1 * strength, rtol=1e-9)
+    calm = jc.masts.forces_of(found)
+    weight = 24.0 * float(found.mast.sections[0].weight) + 900.0
+    weight += float((found.rest_length * found.mast.of_guys("weight")).sum())
+    # base and anchors carry the weights, and the anchors pull the mast down
+    assert abs(calm.base[2] - np.asarray(calm.anchors)[:, 2].sum() - weight) < 1e-6 * weight
+
+
 def test_mast_is_a_rod_on_catenaries():
     """Beams of 4 m against the differential equation: 5e-4, the error of the beam elements."""
     rod = rod_of(built().mast, built(), 700.0, 0.01, 40.0)
-    compare(built().mast, rod, case(analysed(), 0, 1, 0), 40.0, 5e-4)
+    compare(built().mast, rod, case(analysed(), 0, 0, 0), 40.0, 5e-4)
 
 
 @pytest.mark.slow
@@ -153,16 +163,6 @@ def test_rupture_is_a_mast_without_the_guy():
     compare(mast, rod, case(results, 0, 0, 0), 30.0, 1e-4)
     more = jc.masts.rupture(found, 1, state, 30.0, dynamic_factor=1.2)
     assert more.forces.displacement[0, 0, 0, -1, 1] > results.forces.displacement[0, 0, 0, -1, 1]
-
-
-def test_guys_have_their_tensions_at_the_anchors():
-    found, strength = built(), 266e3
-    np.testing.assert_allclose(found.tensions[:, 0], 0.1 * strength, rtol=1e-9)
-    calm = jc.masts.forces_of(found)
-    weight = 24.0 * float(found.mast.sections[0].weight) + 900.0
-    weight += float((found.rest_length * found.mast.of_guys("weight")).sum())
-    # base and anchors carry the weights, and the anchors pull the mast down
-    assert abs(calm.base[2] - np.asarray(calm.anchors)[:, 2].sum() - weight) < 1e-6 * weight
 
 
 @pytest.mark.parametrize("patch", [0, 2])
@@ -205,7 +205,7 @@ def free_body(found, pressure, patch, tolerance, of_moments):
     part, antenna = mast.sections[0], mast.ancillaries[0]
     blown = pressure(z, (z >= low) & (z < high)) * (part.drag_area + t * part.ice_width)
     dead = 1.1 * part.weight + ice_weight(t, part.ice_diameter) * part.ice_length
-    own = case(found, 0, 1, patch)
+    own = case(found, 0, 0, patch)
     c, s, _ = wind
     heights = np.asarray(mast.node_heights())
     moved = own.displacement @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -252,10 +252,10 @@ def free_body(found, pressure, patch, tolerance, of_moments):
 def test_gusts_are_combined_by_the_root_of_their_squares():
     found = analysed()
     low, high = jc.masts.extremes(found)
-    every = np.asarray(found.forces.moment)[0, 1]
+    every = np.asarray(found.forces.moment)[0, 0]
     spread = np.sqrt(((every[1:] - every[0]) ** 2).sum(0))
-    np.testing.assert_allclose(high.moment[0, 1], every[0] + spread, rtol=1e-12)
-    np.testing.assert_allclose(low.moment[0, 1], every[0] - spread, rtol=1e-12)
+    np.testing.assert_allclose(high.moment[0, 0], every[0] + spread, rtol=1e-12)
+    np.testing.assert_allclose(low.moment[0, 0], every[0] - spread, rtol=1e-12)
     assert found.patches == ("mean", *(p.name for p in built().mast.layout.patches))
 
 
@@ -367,6 +367,7 @@ def test_tension_from_frequency():
     np.testing.assert_allclose(found, [tension, tension + 22.0 * weight], rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_tension_from_sag():
     """A catenary by quadrature: the sag at midspan gives back its tension to 1e-6."""
     mast, length = small_mast(), 27.19
