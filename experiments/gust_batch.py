@@ -75,7 +75,7 @@ def main():
     record(f"alone    {each * single[0]:12.0f}")
     record(f"ratio    {whole[0] / cases / single[0]:12.2f}")
     peak = np.abs(np.asarray(every)).max(axis=(1, 2, 3))
-    record(f"peaks    {peak.mean():.3f} m, from {peak.min():.3f} to {peak.max():.3f} m")
+    record(f"largest  {peak.mean():.3f} m, from {peak.min():.3f} to {peak.max():.3f} m")
     record(f"apart    {apart:.1e} m")
     record(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     assert apart < 1e-9

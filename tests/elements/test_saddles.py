@@ -62,7 +62,7 @@ def histories():
     return [start, *(jc.Phase(loads=load, increments=2) for load in loads[1:])]
 
 
-@pytest.mark.parametrize("friction", [0.15, 0.0])
+@pytest.mark.parametrize("friction", [0.15, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_against_circles_in_numpy(friction):
     """Tensions from lengths between marks on circles, by complementarity; forces at free nodes."""
     structure = over_saddles(friction)
@@ -91,6 +91,7 @@ def test_against_circles_in_numpy(friction):
     assert friction == 0 or (slid == 0).any()  # some stick
 
 
+@pytest.mark.slow
 def test_without_radius():
     """Radii that vanish are those of points, to first order in the radius."""
     points = jc.solve(over_saddles(0.15, None), histories(), TIGHT)
@@ -102,6 +103,7 @@ def test_without_radius():
     assert apart[0] / apart[1] == pytest.approx(10, rel=0.1)
 
 
+@pytest.mark.slow
 def test_parallel_parts_of_a_tackle():
     """Half a circle on both blocks: the hand needs W r^2 / (1 + r), with the ratio r of an axle."""
     nodes = [[0.2, 0.0, -2.0], [0.0, 0.0, 0.0], [-0.4, 0.0, -4.0], [-0.6, 0.0, 0.0]]
@@ -157,6 +159,7 @@ def test_derivatives():
     assert_allclose(values[1], lowest(point)[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_lifts_off():
     """A saddle that a load pulls down past the line of its cable would have to pull."""
     nodes = [[-4.0, 0.0, 0.0], [0.0, 0.0, 0.5], [4.0, 0.0, 0.0]]

@@ -61,6 +61,7 @@ def test_both_ends_at_once():
     assert_allclose(longer[[0, -1]], FORCE, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_one_end_after_the_other():
     """The first anchor has drawn in when the other end is stressed; then that one draws in, too."""
     structure, length, bound = tendon()
