@@ -96,6 +96,13 @@ def test_traced_numbers_are_not_looked_at():
         judged(jnp.asarray(1e-6))
 
 
+@pytest.mark.slow
+def test_nan_in_the_points_of_a_law_is_no_error_but_gives_nan():
+    """A batch survives it; an analysis turns it into a status."""
+    law = jc.Polygonal([0, 1e-3, 2e-3], [0, np.nan, 2e8])
+    assert np.isnan(law.stress_at(5e-4))
+
+
 def fails(outcome):
     """Whether an outcome says that it is none: a status, or NaN in numbers."""
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(outcome)]
