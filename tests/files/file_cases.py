@@ -115,17 +115,20 @@ def stages():
     """A scene with what comes and goes: hinges, moments, rigid links, sags, skew supports."""
     nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, -1], [1, 1, 0]]
     section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
-    hinges = np.array([[False, False], [False, True]])
+    joints = {"hinges": [[False, False], [False, True]], "springs": [[0.0, 0, 0], [0.0, 5.0, 7.0]]}
     elements = {
-        "deck": jc.Beams([[0, 1], [1, 2]], section, up=(0, 0, 1.0), hinges=hinges),
+        "deck": jc.Beams([[0, 1], [1, 2]], section, up=(0, 0, 1.0), **joints),
         "stay": jc.Cables([[1, 4]], axial_stiffness=1e6, expansion=1e-5, weight=1.0),
         "rope": jc.Catenaries([[0, 4], [2, 4]], axial_stiffness=1e6, weight=5.0),
     }
-    held = jc.clamped([0, 2]) + jc.pinned([4])
+    held = jc.clamped([0, 2]) + jc.restrained([4], "xyz", "x", axes=(1.0, 1.0, 0.5))
     structure = jc.Structure(nodes, elements, held, rigid=[[1, 3]])
     down = (0, 0, -1.0)
     phases = [
-        jc.Phase(sag={"deck": None, "stay": None, "rope": 0.1}, loads=jc.SelfWeight(on="stay")),
+        jc.Phase(
+            sag={"deck": None, "stay": None, "rope": 0.1},
+            loads=jc.SelfWeight(on="stay", elements=jc.only([0])),
+        ),
         jc.Phase(removes="stay", loads=jc.NodalLoads([3], down, (0, 1.0, 0))),
         jc.Phase(
             adds={"deck": None, "stay": jc.only([0]), "rope": None},
@@ -134,7 +137,7 @@ def stages():
             shortening={"deck": None, "stay": 0.01, "rope": None},
             loads=[
                 jc.LineLoads(down, on="deck", elements=jc.only([1]), per="initial"),
-                jc.LineLoads(down, on="deck", per="initial", geometry="begun"),
+                jc.LineLoads([down] * 2, "deck", "initial", geometry="begun", factor=[1.0, 0.5]),
                 jc.CablePressure(1.0, (0, 1.0, 0), on="deck", per="unstressed"),
             ],
         ),
@@ -147,7 +150,32 @@ def stages():
     return jc.scenes.Scene(structure, phases)
 
 
-OWN = {"everything": everything, "stages": stages}
+def blown():
+    """A mast on springs with guys, under wind, ice, masses, and loads within its beams."""
+    nodes = [[0.0, 0, 0], [0, 0, 12], [0, 0, 24], [15, 0, 0], [-8, 13, 0], [-8, -13, 0]]
+    section = jc.Section.linear(EA=8e8, EIy=6e7, EIz=6e7, GJ=5e6, GAy=3e7, GAz=3e7)
+    elements = {
+        "mast": jc.Beams([[0, 1], [1, 2]], section=section, weight=900.0),
+        "guys": jc.Catenaries([[3, 2], [4, 2], [5, 2]], axial_stiffness=2e7, weight=12.0),
+        "soil": jc.Springs([0], 5e8, rotational_stiffness=2e7, preload=(0.0, 0.0, 4e4)),
+        "bearing": jc.GroundContacts([0], 2e8, gap=0.001),
+    }
+    structure = jc.Structure(nodes, elements, jc.pinned([3, 4, 5]))
+    storm = jc.EurocodeWind(24.0, roughness_length=0.06, lowest_height=3.0)
+    breeze = jc.WindTable([5.0, 20.0], pressures=[200.0, 350.0])
+    loads = [
+        jc.WindLoads((1.0, 0.3, 0.0), storm, drag=1.1, diameter=0.4, on="mast", ground=-1.0),
+        jc.WindLoads((1.0, 0.0, 0.0), breeze, drag=1.2, diameter=0.02, on="guys", ice=0.01),
+        jc.WindLoads((0.0, 1.0, 0.0), jc.WindPowerLaw(9.0, 0.16), 1.0, 0.3, on="mast"),
+        jc.IceLoads(0.01, 0.02, on="guys"), jc.PointMasses([2], 120.0), jc.SelfWeight(),
+        jc.PointLoads([1], 0.25, (2e3, 0.0, 0.0), moments=(0.0, 300.0, 0.0), on="mast"),
+        jc.loads.Train([0, 1], 8.0, (100.0, 0.0, 0.0), spacings=[1.5], on="mast"),
+        jc.loads.Crowd([0, 1], (20.0, 0.0, 0.0), 3.0, 15.0, on="mast"),
+    ]  # fmt: skip
+    return structure, [jc.Phase(pretension={"guys": 2e4}), jc.Phase(loads=loads, increments=3)]
+
+
+OWN = {"everything": everything, "stages": stages, "blown": blown}
 SCENES = [*scenes.EVERY, *OWN]
 
 

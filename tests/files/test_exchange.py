@@ -22,8 +22,7 @@ PEERS = Path(__file__).parents[2] / "experiments" / "peers"
 @pytest.fixture(scope="module")
 def solved():
     structure, phases = jc.scenes.flat_net(load=15.0)
-    solution = converged(jc.solve(structure, phases))
-    return structure, phases, solution
+    return structure, phases, converged(jc.solve(structure, phases))
 
 
 # --- ParaView
@@ -173,13 +172,7 @@ def test_what_opensees_cannot_do_is_refused(solved, tmp_path):
         (path, structure, failed, {}, "solution: the analysis has failed"),
         (tmp_path / "net.tcl", structure, solution, {}, r"ends with .py"),
         (path, structure, solution, {"steps": 0}, "steps = 0"),
-        (
-            path,
-            jc.replace(structure, elements=hanging),
-            solution,
-            {},
-            "only Cables, Bars and",
-        ),
+        (path, jc.replace(structure, elements=hanging), solution, {}, "only Cables, Bars and"),
     ):
         with pytest.raises(ValueError, match=message):
             jc.files.save_opensees(name, of, result, **options)

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import pieces
 from extensions.own_elements import GroundSprings
 from file_cases import CHECK, MAST, SCENES, changed, read_scene, require_same, scene_of
 from oracles.convergence import converged
@@ -112,10 +113,10 @@ def test_sections_know_their_second_moments_and_axis_again(tmp_path):
 def test_sections_by_numbers_and_shear_stiffnesses_come_back(tmp_path):
     by_numbers = jc.Section.linear(1e8, 2e5, 1e5, 1e4, GAz=3e7, EIyz=1e4).shifted(z=0.1)
     fibres = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1e9), (2, 2)).with_shear(GAy=1e6)
-    elements = [jc.Beams([[0, 1]], section=by_numbers), jc.Beams([[1, 2]], section=fibres)]
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    structure = jc.Structure(nodes, elements, jc.clamped([0]))
+    nodes, links = pieces(2, 2.0)
+    elements = [jc.Beams(links[k : k + 1], s) for k, s in enumerate((by_numbers, fibres))]
     path = tmp_path / "scene.json"
+    structure = jc.Structure(nodes, elements, jc.clamped([0]))
     jc.save_scene(path, jc.scenes.Scene(structure, [jc.Phase()]))
     CHECK.validate(json.loads(path.read_text()))
     again = [group.section for group in jc.load_scene(path).structure.elements]
@@ -191,8 +192,7 @@ def test_a_file_is_there_as_a_whole_or_not_at_all(tmp_path):
 def solved():
     structure, phases = jc.scenes.flat_net(load=15.0)
     structure = jc.replace(structure, elements={"net": structure.elements})
-    solution = converged(jc.solve(structure, phases))
-    return structure, phases, solution
+    return structure, phases, converged(jc.solve(structure, phases))
 
 
 @pytest.fixture(scope="module")
