@@ -1,4 +1,4 @@
-"""Dead loads along elements, on areas and on parts of groups, and derivatives by every kind."""
+"""Dead loads along elements, on areas and on parts of groups, and combinations of all kinds."""
 
 import functools
 
@@ -9,7 +9,6 @@ import pytest
 from banks import shapes
 from banks.shapes import SPOKES, SQUARE, load_at_rest
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
 from oracles.traced import traced
 
 import jaxcable as jc
@@ -167,67 +166,3 @@ def test_a_form_under_loads_on_some_of_its_cables():
     both = found(1 + step) - found(1 - step)
     # central differences: step^2 against rounding over the step
     np.testing.assert_allclose(rate, both / (2 * step), atol=1e-6)
-
-
-def test_parts_are_kept_in_files(tmp_path):
-    chosen = jc.only([1])
-    loads = [
-        jc.SelfWeight(on="back", elements=chosen),
-        jc.LineLoads(DOWN, on="back", elements=chosen),
-    ]
-    jc.save_scene(tmp_path / "a.json", (hub(), [jc.Phase(loads=loads)]))
-    again = jc.load_scene(tmp_path / "a.json")[1][0].loads
-    assert [load.elements.elements.array.tolist() for load in again] == [[1], [1]]
-    assert [load.on for load in again] == ["back", "back"]
-
-
-# --- derivatives: all kinds of loads on a pyramid
-
-TOP = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0.05, 0.5]])
-FACES = [[k, (k + 1) % 4, 4] for k in range(4)]
-P = {
-    "nodes": jnp.asarray(TOP),
-    "unstressed length": jnp.array([1.04, 1.05, 1.05, 1.06]),
-    "forces": jnp.array([5.0, 10.0, -40.0]),
-    "pressure of faces": jnp.array([100.0, 200.0, 300.0, 250.0]),
-    "pressure of cables": jnp.array([100.0, 80.0]),
-    "axis": jnp.array([0.1, -1.0, 0.05]),
-    "factors": jnp.ones(9),
-}
-
-
-def solved(p):
-    rest, force = p["unstressed length"], p["forces"]
-    elements = {
-        "front": jc.Cables(SPOKES[:2], axial_stiffness=1e4, rest_length=rest[:2], weight=20.0),
-        "back": jc.Cables(SPOKES[2:], axial_stiffness=1e4, rest_length=rest[2:], weight=20.0),
-    }
-    cases = [
-        jc.SelfWeight(),
-        jc.LineLoads(force, on="back"),
-        jc.LineLoads(force, per="projected"),
-        jc.LineLoads(force, per="initial"),
-        jc.AreaLoads(FACES, force),
-        jc.FacePressure(FACES, p["pressure of faces"]),
-        jc.AreaLoads(FACES, force, per="initial"),
-        jc.CablePressure(p["pressure of cables"], p["axis"], on="front"),
-        jc.CablePressure(p["pressure of cables"], p["axis"], on="back", per="unstressed"),
-    ]
-    phase = jc.Phase(loads=jc.combine(cases, p["factors"]))
-    structure = jc.Structure(p["nodes"], elements, jc.pinned([0, 1, 2, 3]))
-    return jc.solve(structure, phase, TIGHT)
-
-
-@pytest.mark.slow
-def test_gradients():
-    """Tangents are unsymmetric: the adjoint solves with the transposed matrix."""
-
-    def top(p):
-        """Places and logarithms of tensions: a slack cable has none."""
-        solution = solved(p)
-        logarithms = sum(jnp.sum(jnp.log(t)) for t in solution.tension.values())
-        place = jnp.sum(jnp.array([0.5, 1.0, 2.0]) * solution.positions[4])
-        return place + logarithms, solution.status
-
-    sizes = dict.fromkeys(P, 50.0) | {"nodes": 1.0, "unstressed length": 1.0}  # loads: 2 %
-    assert_gradient(top, P, sizes, corrupted=1.1)

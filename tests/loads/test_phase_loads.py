@@ -3,10 +3,10 @@
 import functools
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles.taylor import TIGHT, assert_gradient
+from oracles.convergence import converged
+from oracles.taylor import TIGHT
 
 import jaxcable as jc
 
@@ -86,18 +86,13 @@ def stages():
     return structure, phases, by_hand
 
 
-CASES = {
-    "pressure": arch_under_pressure,
-    "freed": freed_and_propped,
-    "stages": stages,
-}
+CASES = {"pressure": arch_under_pressure, "freed": freed_and_propped, "stages": stages}
 
 
 @functools.lru_cache
 def solved(name):
     structure, phases = CASES[name]()[:2]
-    solution = jc.solve(structure, phases, TIGHT)
-    assert int(solution.status) == 0
+    solution = converged(jc.solve(structure, phases, TIGHT))
     return solution
 
 
@@ -126,18 +121,3 @@ def test_phases_that_failed_have_none():
     failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
     assert int(failed.status) != 0
     assert np.isfinite(failed.phases[0].load).all() and np.isnan(failed.phases[1].load).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["pressure", "stages"])
-def test_taylor_at_the_end_of_a_phase(name):
-    """Of the loads of a phase in the middle, by places of nodes."""
-    structure, phases, _ = CASES[name]()
-    weight = np.random.default_rng(3).normal(size=structure.nodes.shape)
-
-    def inside(nodes):
-        solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)
-        return jnp.sum(weight * solution.phases[1].load), solution.status
-
-    gradient = assert_gradient(inside, structure.nodes, corrupted=1.05)
-    assert np.abs(gradient).max() > 1.0

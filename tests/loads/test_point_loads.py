@@ -3,13 +3,11 @@
 import functools
 import operator
 
-import jax
 import numpy as np
 import pytest
 from banks.shapes import beam
 from oracles import stiffness_method as oracle
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
 from scipy.integrate import quad
 
 import jaxcable as jc
@@ -169,21 +167,6 @@ FRAME = jc.Structure(
 )
 
 
-def deflection(p):
-    """Vertical displacement of the knee by two places, a force and factors of a line load."""
-    point = jc.PointLoads([0, 1], p[:2], 2e5 * p[2:5], (0.0, 1e4, 0.0))
-    line = jc.LineLoads((0.0, 1e4, -2e4), factor=p[5:7])
-    solution = jc.solve(FRAME, jc.Phase(loads=[point, line]), TIGHT)
-    return 1e2 * solution.displacement[1, 2], solution.status
-
-
-@pytest.mark.slow
-def test_derivatives_by_place_force_and_factor():
-    p = [0.3, 0.6, 0.2, 0.1, -0.5, 1.0, 0.4]
-    gradient = assert_gradient(deflection, p, corrupted=1.1)
-    assert (np.abs(gradient) > 1e-3).all()
-
-
 @pytest.mark.parametrize("flexible", [False, True])
 def test_strains_under_a_load_follow_from_the_moments(flexible):
     """A clamped beam of one element: its ends do not turn, its fibres are strained all the same.
@@ -255,21 +238,3 @@ def test_a_crowd_on_parts_of_a_path():
     for node, x in ((1, 3.0), (2, 6.0)):
         drop = quad(lambda at, x=x: green(x, at), 1.0, 7.5, points=[x], epsabs=0, epsrel=1e-12)[0]
         assert solution.displacement[node, 2] == pytest.approx(-drop, rel=1e-8)
-
-
-def test_files_keep_loads_within_elements(tmp_path):
-    loads = [
-        jc.PointLoads([0, 1, 1], [0.1, 0.2, 1.0], np.arange(9.0).reshape(3, 3), (0.0, 1.0, 0.0)),
-        jc.LineLoads([[0.0, 0, 1.0], [0, 0, 2.0]], factor=[1.0, 0.5]),
-        jc.loads.Train([1, 0], 2.0, [[0.0, 0, -1.0], [0, 0, -2.0]], spacings=[1.5]),
-        jc.loads.Crowd([0, 1], (0.0, 0, -1.0), [0.0, 2.0], [1.0, 3.0]),
-    ]
-    path = tmp_path / "scene.json"
-    jc.save_scene(path, (FRAME, [jc.Phase(loads=loads)]))
-    _, (phase,) = jc.load_scene(path)
-    for before, after in zip(loads, phase.loads, strict=True):
-        assert type(before) is type(after) and jax.tree.structure(before) == jax.tree.structure(
-            after
-        )
-        pairs = zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True)
-        assert all(np.array_equal(a, b) for a, b in pairs)

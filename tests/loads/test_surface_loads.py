@@ -1,16 +1,13 @@
 """Loads on the faces of groups: a membrane written outside of the package, against closed forms."""
 
-import functools
 import json
 
-import jax.numpy as jnp
 import jsonschema
 import numpy as np
 import pytest
 from extensions.own_membrane import Membranes, sheet
 from numpy.testing import assert_allclose
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
 from jaxcable.common import checks
@@ -52,10 +49,7 @@ FORCES = np.random.default_rng(2).uniform(-9.0, 9.0, (HALF, 3))
                 jc.FacePressure(pressure=PRESSURES, on="one"),
                 jc.AreaLoads(forces=FORCES, on="two", geometry="begun"),
             ],
-            [
-                jc.FacePressure(FIRST, PRESSURES),
-                jc.AreaLoads(SECOND, FORCES, geometry="begun"),
-            ],
+            [jc.FacePressure(FIRST, PRESSURES), jc.AreaLoads(SECOND, FORCES, geometry="begun")],
         ),
         (
             [
@@ -197,48 +191,18 @@ def test_a_sphere_under_pressure():
     assert_allclose(np.log2(np.divide(*errors)), 2.0, atol=0.15)
 
 
-def sag(absent, numbers):
-    """Displacement of the middle by pressures of elements, heights of nodes and an area load."""
-    structure = square()
-    height = 0.1 * numbers[-2] * NODES[:, 0] * (1 - NODES[:, 1])
-    nodes = jnp.asarray(NODES).at[:, 2].add(height)
-    loads = [
-        jc.FacePressure(pressure=PRESSURES * numbers[:HALF], on="one"),
-        jc.AreaLoads(forces=numbers[-1] * FORCES, on="two", geometry="begun"),
-    ]
-    removes = {"one": jc.only([3, 4]), "two": jc.only([5])} if absent else None
-    phases = [jc.Phase(prestrain=0.01, removes=removes), jc.Phase(loads=loads)]
-    solution = jc.solve(jc.replace(structure, nodes=nodes), phases, TIGHT)
-    return solution.displacement[12, 2], solution.status
-
-
-@pytest.mark.slow_cases("True")
-@pytest.mark.parametrize("absent", [False, True])
-def test_gradients(absent):
-    gradient = assert_gradient(functools.partial(sag, absent), np.ones(HALF + 2), 25.0)
-    assert ((np.asarray(gradient)[[3, 4]] == 0) == absent).all()
-
-
 def test_what_is_no_face_is_refused(monkeypatch):
-    edge = {"one": Membranes(FIRST, ET, NU), "edge": jc.Cables(TRIANGLES[:3, :2], ET)}
-    structure = jc.Structure(NODES, edge, jc.pinned(RIM))
     for load, words in (
-        (jc.FacePressure(pressure=1.0, on="edge"), "on = 'edge': elements['edge'] (Cables) has no"),
-        (jc.FacePressure(pressure=np.ones(3), on="one"), "elements['one'] has 16 elements"),
-        (jc.AreaLoads(forces=np.ones((3, 3)), on="one"), "forces: expected shape (3,) or (16, 3)"),
+        (jc.FacePressure(pressure=np.ones(3), on="one"), r"elements\['one'\] has 16 elements"),
+        (jc.AreaLoads(forces=np.ones((3, 3)), on="one"), r"forces: expected shape \(3,\) or"),
         (
             jc.AreaLoads(forces=np.ones(3), on="one", elements=jc.only([16])),
-            "elements of elements['one']: elements[0] = 16",
+            r"elements of elements\['one'\]: elements\[0\] = 16",
         ),
     ):
-        with pytest.raises(ValueError) as caught:
-            load.check(structure)
-            load.with_group_indices(structure)
-        assert words in str(caught.value)
-    net, _ = jc.scenes.flat_net()
-    with pytest.raises(ValueError, match=r"faces: missing: elements \(Cables\) has no faces; give"):
-        jc.FacePressure(pressure=1.0).check(net)
-
+        with pytest.raises(ValueError, match=words):
+            load.check(square())
+            load.with_group_indices(square())
     for face in ((0, 1, 3), (0, 1, 1), (0, 1), [0, 1, 2]):
         monkeypatch.setattr(Membranes, "face", face)
         with pytest.raises(ValueError, match="face: expected a tuple of 3 or 4 ends of 0 to 2"):

@@ -162,13 +162,18 @@ def on_the_way(numbers):
 NUMBERS = np.array([0.5, 0.02, 0.15, 0.06])
 
 
-def test_a_batch_of_amplitudes():
-    """Mapped over, and one by one."""
+def test_amplitudes_are_mapped_over_and_combined():
+    """Mapped over, and one by one; load cases are scaled by their factors."""
     cases = NUMBERS * np.array([[1.0], [0.9], [1.1]])
     values, codes = traced(jax.vmap(on_the_way))(cases)
     assert (np.asarray(codes) == jc.status.OK).all()
     alone = [traced(on_the_way)(case)[0] for case in cases]
     np.testing.assert_allclose(values, np.array(alone), rtol=1e-9)  # tolerance of equilibrium
+    wind = jc.Varying(PULL, [0.0, 0.5, 1.0], [0.0, 1.0, 0.5])
+    np.testing.assert_allclose(jc.combine([wind], [1.5])[0].factors, [0.0, 1.5, 0.75])
+    batch = jc.combine([wind, PULL], [[1.0, 2.0], [3.0, 4.0]])
+    analyse = jax.vmap(lambda loads: jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=loads)))
+    np.testing.assert_allclose(analyse(batch).tension[:, 0], [2.5, 5.5])
 
 
 def test_a_load_step_and_what_goes_on_acting():
@@ -207,16 +212,6 @@ def test_a_small_load_that_comes_and_goes():
     assert moved == pytest.approx(0.1 * np.array([1e-9, 1.0, 1e-9, 0.0]) / 2e6, abs=5e-9 * 5e-8)
 
 
-def test_combined():
-    """Load cases with amplitudes are scaled by their factors."""
-    wind = jc.Varying(PULL, [0.0, 0.5, 1.0], [0.0, 1.0, 0.5])
-    (one,) = jc.combine([wind], [1.5])
-    np.testing.assert_allclose(one.factors, [0.0, 1.5, 0.75])
-    batch = jc.combine([wind, PULL], [[1.0, 2.0], [3.0, 4.0]])
-    analyse = jax.vmap(lambda loads: jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=loads)))
-    np.testing.assert_allclose(analyse(batch).tension[:, 0], [2.5, 5.5])
-
-
 @pytest.mark.slow
 def test_other_methods_and_analyses():
     """The paper's scheme, influence, a path that begins after a load with an amplitude."""
@@ -238,12 +233,6 @@ def test_what_is_said_of_it():
     assert str(jc.Varying(jc.SelfWeight(), many, many)) == "SelfWeight; amplitude: 20 points"
 
 
-def test_a_number_that_is_none():
-    load = jc.Varying(PULL, HALF, [0.0, np.nan, 1.0])
-    solution = jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=load, increments=2))
-    assert int(solution.status) == jc.status.NONFINITE
-
-
 @pytree
 class Bare(OnNodes):
     """A load of a user that says nothing of factors: the amplitude has them."""
@@ -254,7 +243,11 @@ class Bare(OnNodes):
         return jnp.zeros(shape, dtype).at[1].set(jnp.asarray(self.force, dtype))
 
 
-def test_of_a_users_load():
-    load = jc.Varying(Bare((100.0, 0.0, 0.0)), HALF, [0.0, 3.0, 2.0])
-    solution = converged(jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=load, increments=2)))
-    assert float(solution.tension[0]) == pytest.approx(200.0)
+def test_of_a_users_load_and_a_number_that_is_none():
+    structure, own = bar(axial_stiffness=1e6), Bare((100.0, 0.0, 0.0))
+    found, unknown = (
+        jc.solve(structure, jc.Phase(loads=jc.Varying(own, HALF, [0.0, x, 2.0]), increments=2))
+        for x in (3.0, np.nan)
+    )
+    assert float(converged(found).tension[0]) == pytest.approx(200.0)
+    assert int(unknown.status) == jc.status.NONFINITE
