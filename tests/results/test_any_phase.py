@@ -29,24 +29,6 @@ def drawn(figure, axes=0):
 
 
 @pytest.mark.slow
-def test_a_propped_cantilever_in_each_phase(propped):
-    """q L^2/8 at the clamp, 9 q L^2/128 at 3/8 of the span from the prop, 5/8 q L of shear.
-
-    Linear theory: deflections of 1e-3 of the span change moments by 1e-5 of themselves.
-    """
-    structure, solution = propped
-    for k, phase in enumerate(solution.phases, 1):
-        forces = jc.section_forces(structure, phase, places=[0.0, 0.3, 0.625, 1.0])[0]
-        size = k * LOAD * SPAN**2
-        x = SPAN * np.array([0.0, 0.3, 0.625, 1.0])
-        moment = k * LOAD * (-(SPAN**2) / 8 + 5 / 8 * SPAN * x - x**2 / 2)
-        np.testing.assert_allclose(forces[:, 4], -moment, atol=1e-4 * size)
-        shear = k * LOAD * (5 / 8 * SPAN - x)
-        np.testing.assert_allclose(forces[:, 2], -shear, atol=1e-4 * size / SPAN)
-    assert float(jnp.abs(forces).max()) > 4e3  # there are forces to compare
-
-
-@pytest.mark.slow
 def test_forces_between_stored_places_are_those_of_equilibrium():
     """Against `section_forces` of the last state, which integrates loads along the beam.
 
@@ -90,32 +72,37 @@ def test_polynomials_through_gauss_lobatto_points(count):
 
 def test_what_is_refused(propped):
     structure, solution = propped
+    nodes, beams = [[SPAN * k, 0, 0] for k in range(3)], jc.Beams([[0, 1], [1, 2]], SECTION)
+    two = jc.replace(structure, nodes=nodes, elements=beams)
     with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure has 2"):
-        nodes = [[0.0, 0, 0], [SPAN, 0, 0], [2 * SPAN, 0, 0]]
-        two = jc.replace(
-            structure, nodes=nodes, elements=jc.Beams([[0, 1], [1, 2]], section=SECTION)
-        )
         jc.section_forces(two, solution.phases[0])
-    for phase in (2, True, "a"):
-        with pytest.raises(ValueError, match="phases 0 to 1"):
-            jc.plots.diagram(solution, structure=structure, phase=phase)
-    with pytest.raises(ValueError, match="state, phase: give only one"):
-        jc.plots.net(solution, structure=structure, phase=0, state=solution.last)
-    with pytest.raises(ValueError, match="of one of its phases give phase="):
-        jc.plots.net(solution, structure=structure, state=solution.phases[0])
-    with pytest.raises(ValueError, match="of = 'M'"):
-        jc.plots.sequence(solution, structure=structure, diagram="M")
+    plots = jc.plots
+    for draw, options, message in (
+        *((plots.diagram, {"phase": phase}, "phases 0 to 1") for phase in (2, True, "a")),
+        (plots.net, {"phase": 0, "state": solution.last}, "state, phase: give only one"),
+        (plots.net, {"state": solution.phases[0]}, "of one of its phases give phase="),
+        (plots.sequence, {"diagram": "M"}, "of = 'M'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            draw(solution, structure=structure, **options)
 
 
 @pytest.mark.slow_cases("True")
 @pytest.mark.parametrize("known", [True, False])
 def test_a_diagram_of_each_phase(propped, known):
+    """q L^2/8 at the clamp, and 9 q L^2/128 at 3/8 of the span from the prop.
+
+    Linear theory: deflections of 1e-3 of the span change moments by 1e-5 of themselves.
+    """
     structure, solution = propped
-    for k, phase in enumerate((0, -1), 1):
-        figure = jc.plots.diagram(
-            solution, phase=phase, structure=structure if known else None, view="elevation"
-        )
+    x = np.array([0.0, 0.3, 0.625, 1.0])
+    options = {"structure": structure if known else None, "view": "elevation"}
+    for k, phase, number in zip((1, 2), solution.phases, (0, -1), strict=True):
+        figure = jc.plots.diagram(solution, phase=number, **options)
         assert drawn(figure)[0] == pytest.approx(k * LOAD * SPAN**2 / 8, rel=1e-3)
+        forces = jc.section_forces(structure, phase, places=x)[0] / (k * LOAD * SPAN)
+        np.testing.assert_allclose(forces[:, 4], SPAN * (1 - 5 * x + 4 * x**2) / 8, atol=6e-4)
+        np.testing.assert_allclose(forces[:, 2], x - 5 / 8, atol=1e-4)
 
 
 def test_diagrams_of_all_phases_have_one_scale(propped):

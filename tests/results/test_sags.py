@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import pieces
 from oracles.convergence import converged
 from oracles.hanging_cable import HangingCable
 from oracles.taylor import TIGHT, slope
@@ -186,8 +187,7 @@ def clearances(structure, solution):
 
 
 def test_a_chain_over_pulleys_has_all_of_its_nodes():
-    nodes = [[0.0, 0, 0], [1, 0, -1], [2, 0, -1], [3, 0, 0], [4, 0, 0]]
-    rope = jc.SlidingCables([[0, 1, 2, 3]], axial_stiffness=1e5)
+    nodes, rope = pieces(4)[0], jc.SlidingCables([[0, 1, 2, 3]], axial_stiffness=1e5)
     structure = jc.Structure(nodes, {"rope": rope, "tie": jc.Cables([[3, 4]], 1e5)}, jc.pinned([0]))
     assert results.nodes_along(structure, [0], on="rope") == [0, 1, 2, 3]
 

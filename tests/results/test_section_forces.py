@@ -21,9 +21,8 @@ PLACES = np.linspace(0.0, 1.0, 9)
 def hold(node, along="", about=""):
     """Supports as the oracle states them."""
     axes = dict(zip("xyz", np.eye(3), strict=True))
-    return [(node, axes[a], "translation") for a in along] + [
-        (node, axes[a], "rotation") for a in about
-    ]
+    found = [(node, axes[a], "translation") for a in along]
+    return found + [(node, axes[a], "rotation") for a in about]
 
 
 ENDS = {
@@ -110,14 +109,9 @@ def test_a_cracked_cantilever():
     length, b, h, d, steel, concrete = 3.0, 0.2, 0.4, 0.16, 200e9, 30e9
     layers, area = 400, 6e-4
     law = jc.Polygonal([-0.1, 0.0, 1e-8, 0.1], [-0.1 * concrete, 0.0, 300.0, 300.0])
-    z = (np.arange(layers) + 0.5) / layers * h - h / 2
-    section = jc.Section(
-        np.zeros(layers + 2),
-        np.append(z, [d, -d]),
-        np.append(np.full(layers, b * h / layers), [area, area]),
-        (law, jc.Elastic(steel)),
-        (layers, 2),
-    )
+    z = [*((np.arange(layers) + 0.5) / layers * h - h / 2), d, -d]
+    areas = [*np.full(layers, b * h / layers), area, area]
+    section = jc.Section(0.0 * np.array(z), z, areas, (law, jc.Elastic(steel)), (layers, 2))
     supports = jc.clamped([0]) + jc.restrained([1], "y", "xz")
     structure = shapes.beam(1, section, length, supports, torsional_stiffness=1e6)
     load = jc.NodalLoads([1], (0.0, 0.0, -20e3))

@@ -75,19 +75,16 @@ def test_derivatives_pass_by_fillers(lines):
 
     def numbers(factor):
         own = dict(solution.last.results)
-        own["segment_pull"] = {
-            **own["segment_pull"],
-            "lines": factor * own["segment_pull"]["lines"],
-        }
+        pull = own["segment_pull"]
+        own["segment_pull"] = {**pull, "lines": factor * pull["lines"]}
         state = copy_with(solution.last, results=own)
-        return jnp.stack(
-            [
-                results.sags(structure, state)["lines"].midspan[1, 0],
-                results.horizontal_tensions(structure, state)["lines"][1, 1],
-                jc.forms.catenary_curves(structure, state, 5)["lines"][1, 0, 2, 2],
-                jc.forms.end_tensions(structure, state)["lines"][1, 0, 1],
-            ]
-        )
+        parts = [
+            results.sags(structure, state)["lines"].midspan[1, 0],
+            results.horizontal_tensions(structure, state)["lines"][1, 1],
+            jc.forms.catenary_curves(structure, state, 5)["lines"][1, 0, 2, 2],
+            jc.forms.end_tensions(structure, state)["lines"][1, 0, 1],
+        ]
+        return jnp.stack(parts)
 
     exact, step = np.asarray(jax.jacfwd(numbers)(1.0)), 1e-4
     quotient = (numbers(1.0 + step) - numbers(1.0 - step)) / (2 * step)
