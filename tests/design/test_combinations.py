@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.shapes import spokes
 from oracles.convergence import converged
 
 import jaxcable as jc
@@ -211,16 +212,14 @@ def test_accidental_and_rules_of_a_user(tmp_path):
 
 def test_changed_factors_are_said():
     """The clause of the standard stands beside its own factors only."""
-    rules = combination_rules("EN 1990")
+    rules, other = combination_rules("EN 1990"), combination_rules("EN 1990")
     same = combinations([G, S], rules)
     assert set(same.clauses) == set(combinations([G, S]).clauses)
     rules["gamma"], rules["source"] = 1.6, "NA"
-    assert all(
-        c.endswith("CHANGED factors, source: NA") for c in combinations([G, S], rules).clauses
-    )
-    rules = combination_rules("EN 1990")
-    rules["combinations"]["ULS 6.10"]["permanent"] = [1.2, 0.95]
-    found = combinations([G, S], rules)
+    said = "CHANGED factors, source: NA"
+    assert all(clause.endswith(said) for clause in combinations([G, S], rules).clauses)
+    other["combinations"]["ULS 6.10"]["permanent"] = [1.2, 0.95]
+    found = combinations([G, S], other)
     changed = {rule for rule, c in zip(found.rules, found.clauses, strict=True) if "CHANGED" in c}
     assert changed == {"ULS 6.10"}
 
@@ -236,9 +235,10 @@ NODES = [
 
 def hall():
     """A hanging rope with two nodes, each held down by two ropes."""
+    own = {"weight": 20.0, "expansion": 1.2e-5}
     ropes = {
-        "ridge": jc.Cables(LINKS[:3], axial_stiffness=2e6, weight=20.0, expansion=1.2e-5),
-        "down": jc.Cables(LINKS[3:], axial_stiffness=1e6, weight=10.0, expansion=1.2e-5),
+        "ridge": jc.Cables(LINKS[:3], axial_stiffness=2e6, **own),
+        "down": jc.Cables(LINKS[3:], axial_stiffness=1e6, **own | {"weight": 10.0}),
     }
     return jc.Structure(np.array(NODES, float), ropes, jc.pinned([0, 3, 4, 5, 6, 7]))
 
@@ -302,15 +302,9 @@ def test_a_batch_of_combinations_equals_each_alone(analysed):
         chosen.setdefault((found.limit_states[k], tuple(row > 0)), k)
     assert len(chosen) > 30
     for k in list(chosen.values())[::4]:
-        one = converged(alone(found.factors[k]))
-        for name in ("ridge", "down"):
-            np.testing.assert_allclose(
-                batch.tension[name][k],
-                one.tension[name],
-                rtol=1e-9,
-                atol=1e-6,
-                err_msg=found.names[k],
-            )
+        one, near = converged(alone(found.factors[k])), {"atol": 1e-6, "err_msg": found.names[k]}
+        for name, tension in one.tension.items():
+            np.testing.assert_allclose(batch.tension[name][k], tension, rtol=1e-9, **near)
         np.testing.assert_allclose(batch.displacement[k], one.displacement, atol=1e-10)
 
 
@@ -374,35 +368,31 @@ def test_a_post_without_two_of_its_guys_is_named():
         jc.design.solve_cases(structure, calm, twice)
 
 
-def test_chosen_rules_may_leave_out_an_accidental_action():
-    """It has the factor zero in them."""
+def test_chosen_rules_and_limit_states():
+    """An accidental action may be left out, by the factor zero; a limit state stands for its rules.
+
+    For those on request it does not stand; a rule is listed once.
+    """
     load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
-    actions = [Action("dead", "permanent", load), Action("impact", "accidental", load)]
-    found = jc.design.combinations(actions, which=["ULS 6.10"])
+    dead, snow = Action("dead", "permanent", load), Action("snow", "snow", load)
+    found = combinations([dead, Action("impact", "accidental", load)], which=["ULS 6.10"])
     assert found.factors.tolist() == [[1.35, 0.0], [1.0, 0.0]]
     assert found.cases.loads[0].forces.shape[0] == 2
-
-
-def test_limit_states_choose_their_rules():
-    """A limit state stands for its rules, but for those on request; a rule is listed once."""
-    load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
-    actions = [Action("dead", "permanent", load), Action("snow", "snow", load)]
-    every, chosen = combinations(actions), combinations(actions, which=["serviceability"])
+    every, chosen = (combinations([dead, snow], which=w) for w in (None, ["serviceability"]))
     assert chosen.names == every.select_limit_states("serviceability").names
     assert set(chosen.limit_states) == {"serviceability"}
-    words = ["SLS frequent", "serviceability"]
-    assert sorted(combinations(actions, which=words).names) == sorted(chosen.names)
+    both = combinations([dead, snow], which=["SLS frequent", "serviceability"])
+    assert sorted(both.names) == sorted(chosen.names)
 
 
 def test_cases_that_add_nothing_to_the_phases_are_a_batch():
     weight = jc.NodalLoads([1], (0.0, 0.0, -1.0))
     actions = [Action("dead", "permanent", weight, in_phases=True)]
-    found = jc.design.combinations(actions, which=["SLS quasi-permanent"])
-    cables = jc.Cables([[0, 1], [1, 2]], 1e5)
-    structure = jc.Structure([[0, 0, 0], [1.0, 0, -0.1], [2, 0, 0]], cables, jc.pinned([0, 2]))
-    solutions = jc.design.solve_cases(structure, [jc.Phase(loads=weight)], found)
-    alone = jc.solve(structure, jc.Phase(loads=weight))
-    assert solutions.status.tolist() == [0] and alone.status == 0
+    found, structure = combinations(actions, which=["SLS quasi-permanent"]), spokes(3).structure
+    phases = [jc.Phase(pretension=10.0, loads=jc.NodalLoads([0], (0.0, 0.0, -1.0)))]
+    solutions = jc.design.solve_cases(structure, phases, found)
+    alone = converged(jc.solve(structure, phases))
+    assert solutions.status.tolist() == [0]
     np.testing.assert_allclose(solutions.tension[0], alone.tension, rtol=1e-9)  # tol of Newton
 
 

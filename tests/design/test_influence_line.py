@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from oracles.convergence import converged
 from oracles.taylor import TIGHT, assert_gradient
 
 import jaxcable as jc
@@ -13,23 +14,21 @@ from jaxcable import design
 
 SPAN = 10.0
 SECTION = jc.Section.rectangle(0.4, 0.8, jc.Elastic(30e9))
-TWO, STAYED = [0, 1, 2, 3], [4, 5, 6, 7]
-"""Paths: over two spans, where element 1 points backwards, and along a deck with stays."""
-AXLES = jc.loads.Train(TWO, 0.0, [[0.0, 0, -60e3], [0, 0, -100e3]], spacings=[3.0])
+PATH = [0, 1, 2, 3]
+"""Over two spans, where element 1 points backwards, or along a deck with stays."""
+AXLES = jc.loads.Train(PATH, 0.0, [[0.0, 0, -60e3], [0, 0, -100e3]], spacings=[3.0])
 
 
-def structure(stretch=1.0):
-    """A beam of two spans, and beside it a deck with two stays; `stretch` scales their lengths."""
-    along = 5.0 * np.arange(5)
-    decks = [[[x, 20.0 * k, 0.0] for x in along] for k in (0, 1)]
-    nodes = stretch * jnp.array([*decks[0], *decks[1], [10.0, 20.0, 8.0]])
-    links = [[0, 1], [2, 1], [2, 3], [3, 4], [5, 6], [6, 7], [7, 8], [8, 9]]
-    supports = jc.restrained([0], "xyz", "x") + jc.restrained([2, 4], "yz")
-    supports += jc.restrained([5], "xyz", "x") + jc.restrained([9], "yz") + jc.pinned([10])
-    elements = {
-        "deck": jc.Beams(links, section=SECTION),
-        "stays": jc.Bars([[10, 6], [10, 8]], axial_stiffness=200e6),
-    }
+def structure(stretch=1.0, stayed=False):
+    """A beam of two spans, or a deck with two stays; `stretch` scales their lengths."""
+    nodes = stretch * jnp.outer(5.0 * jnp.arange(5), jnp.array([1.0, 0, 0]))
+    links = [[0, 1], [1, 2], [2, 3], [3, 4]] if stayed else [[0, 1], [2, 1], [2, 3], [3, 4]]
+    supports = jc.restrained([0], "xyz", "x") + jc.restrained([4] if stayed else [2, 4], "yz")
+    elements = {"deck": jc.Beams(links, section=SECTION)}
+    if stayed:
+        nodes = jnp.concatenate([nodes, stretch * jnp.array([[10.0, 0.0, 8.0]])])
+        elements["stays"] = jc.Bars([[5, 1], [5, 3]], axial_stiffness=200e6)
+        supports += jc.pinned([5])
     return jc.Structure(nodes, elements, supports)
 
 
@@ -43,21 +42,21 @@ def moments_and_reaction(solution):
 def of_stayed(solution):
     """Moment at a stay, tension of a stay, deflection and moment within an element."""
     forces = solution.section_forces["deck"]
-    parts = forces[5, 0, 4], solution.tension["stays"][0], forces[6, 1, 4], forces[4, 0, 2]
+    parts = forces[1, 0, 4], solution.tension["stays"][0], forces[2, 1, 4], forces[0, 0, 2]
     return jnp.stack(parts)
 
 
 @functools.lru_cache
-def begun():
-    """The state before loads: prestressed stays."""
-    found = jc.solve(structure(), jc.Phase(pretension={"deck": None, "stays": 50e3}), TIGHT)
-    assert int(found.status) == 0
-    return found
+def begun(stayed):
+    """The state before loads: prestressed stays, if any."""
+    tension = {"deck": None, "stays": 50e3} if stayed else None
+    return converged(jc.solve(structure(stayed=stayed), jc.Phase(pretension=tension), TIGHT))
 
 
 @functools.lru_cache
-def line(path, of):
-    return design.influence_line(structure(), begun(), path, of, on="deck", method=TIGHT)
+def line(stayed, of):
+    given = structure(stayed=stayed), begun(stayed), PATH, of
+    return design.influence_line(*given, on="deck", method=TIGHT)
 
 
 def closed_form(x):
@@ -71,7 +70,7 @@ def closed_form(x):
 
 
 def test_lines_of_two_spans_are_closed_forms():
-    found = line(tuple(TWO), moments_and_reaction)
+    found = line(False, moments_and_reaction)
     x = np.linspace(0.0, 2 * SPAN, 161)
     wanted = closed_form(x)
     wanted[3, 0] = -1.0  # the load at the first node is beyond the section there
@@ -88,25 +87,27 @@ def test_lines_of_two_spans_are_closed_forms():
 
 
 @pytest.mark.slow
-def test_lines_are_unit_loads_one_by_one():
-    """Of a beam that responds linearly, and of a stayed deck, whose response to 1 N is linear."""
+@pytest.mark.parametrize(
+    ("stayed", "of", "tol"), [(False, moments_and_reaction, 1e-10), (True, of_stayed, 1e-7)]
+)
+def test_lines_are_unit_loads_one_by_one(stayed, of, tol):
+    """Of a beam that responds linearly, and of a stayed deck, whose response to 1 N is linear.
+
+    The stays pull with 5e4 N: rounding of results of 4e4 in the change by 1 N.
+    """
     x = np.array([0.7, 3.3, 7.5, 9.9, 12.5, 16.6, 19.0])
-    for path, of in ((TWO, moments_and_reaction), (STAYED, of_stayed)):
-        found = np.asarray(line(tuple(path), of).at(x))
-        change = []
-        for force in (1.0, -1.0):  # what is of second order cancels
-            unit = jc.loads.Train(path, 0.0, (0.0, 0.0, -force), on="deck")
-            every = design.moving_load(structure(), begun(), unit, x, TIGHT)
-            assert (np.asarray(every.status) == 0).all()
-            change.append(np.asarray(jax.vmap(of)(every)).T)
-        size = np.abs(found).max(axis=1, keepdims=True)
-        # the stays pull with 5e4 N: rounding of results of 4e4 in the change by 1 N
-        tol = 1e-10 if path is TWO else 1e-7
-        assert (np.abs(0.5 * (change[0] - change[1]) - found) / size).max() < tol
+    found, change = np.asarray(line(stayed, of).at(x)), []
+    for force in (1.0, -1.0):  # what is of second order cancels
+        unit = jc.loads.Train(PATH, 0.0, (0.0, 0.0, -force), on="deck")
+        every = design.moving_load(structure(stayed=stayed), begun(stayed), unit, x, TIGHT)
+        assert (np.asarray(every.status) == 0).all()
+        change.append(np.asarray(jax.vmap(of)(every)).T)
+    size = np.abs(found).max(axis=1, keepdims=True)
+    assert (np.abs(0.5 * (change[0] - change[1]) - found) / size).max() < tol
 
 
 def test_worst_positions_are_those_of_brute_force():
-    found = line(tuple(TWO), moments_and_reaction)
+    found = line(False, moments_and_reaction)
     for largest in (True, False):
         worst = design.worst_position(found, AXLES, largest=largest)
         x = np.concatenate([np.linspace(0.0, 23.0, 23001), np.asarray(worst.position)])
@@ -124,12 +125,11 @@ def test_worst_positions_are_those_of_brute_force():
 @pytest.mark.slow
 def test_the_worst_position_holds_for_the_analysis_and_its_gradient():
     """The moment in the span: smallest by the line, analysed, and its derivative by the size."""
-    worst = design.worst_position(line(tuple(TWO), moments_and_reaction), AXLES, largest=False)
-    start = jc.Phase(pretension={"deck": None, "stays": 50e3})
+    worst = design.worst_position(line(False, moments_and_reaction), AXLES, largest=False)
 
     def moment(p, position):
         train = jc.replace(AXLES, position=position, forces=p[1] * AXLES.forces, on="deck")
-        solution = jc.solve(structure(p[0]), [start, jc.Phase(loads=train)], TIGHT)
+        solution = jc.solve(structure(p[0]), [jc.Phase(), jc.Phase(loads=train)], TIGHT)
         return moments_and_reaction(solution)[2] / 1e5, solution.status
 
     p, position = np.array([1.0, 1.0]), float(worst.position[2])

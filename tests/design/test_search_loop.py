@@ -55,13 +55,14 @@ def test_an_interrupt_ends_the_search(name):
         SEARCHES[name](progress=interrupt)
 
 
-def test_functions_are_not_kept_alive():
+@pytest.mark.parametrize("search", [jc.fit, jc.minimize])
+def test_functions_are_not_kept_alive(search):
     def make():
         wanted = jnp.array([0.0, 2.0])
-        return lambda p: p - wanted
+        return lambda p: p - wanted if search is jc.fit else ((p - wanted) ** 2).sum()
 
     function = make()
-    jc.fit(function, START)
+    search(function, START)
     gone = weakref.ref(function)
     del function
     gc.collect()
