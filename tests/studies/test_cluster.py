@@ -15,10 +15,7 @@ SCRIPT = Path(__file__).parents[1] / "banks" / "clusters.py"
 LIMIT = 900  # seconds: workers start and die many times, on a machine that does other work
 GOOD = {"equal": True, "failures": True, "failed": [123], "missing": []}
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(os.name == "nt", reason="signals of POSIX"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")]
 
 
 def found(scene, folder):

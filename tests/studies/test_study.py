@@ -192,10 +192,8 @@ def test_a_case_that_raises_has_no_status(tmp_path):
     known = study.open().status
     meanings = dict(zip(known.flag_values, known.flag_meanings.split(), strict=True))
     assert meanings[status.MECHANISM] == "mechanism" and len(meanings) == len(status.NAMES)
-    causes = [jc.describe(status.MATERIAL_FAILURE), "status 1000"]
-    assert study.failures == dict(
-        zip((1, 2, 3), ["ValueError: no root of -1.0", *causes], strict=True)
-    )
+    causes = "ValueError: no root of -1.0", jc.describe(status.MATERIAL_FAILURE), "status 1000"
+    assert study.failures == dict(zip((1, 2, 3), causes, strict=True))
 
 
 def test_a_function_that_raises_for_all_cases_is_an_error(tmp_path):
@@ -329,14 +327,10 @@ def test_damaged_chunks_are_named(tmp_path, kind):
     study = jc.study(square, np.arange(600.0), tmp_path / "a", chunk=200)
     path = study.store / "square" / "c" / "1"
     whole = path.read_bytes()
-    middle = len(whole) // 2
-    path.write_bytes(
-        {
-            "cut": whole[:middle],
-            "changed": whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :],
-            "of another chunk": b"",
-        }[kind]
-    )
+    n = len(whole) // 2
+    damaged = {"cut": whole[:n], "of another chunk": b""}
+    damaged["changed"] = whole[:n] + bytes([whole[n] ^ 1]) + whole[n + 1 :]
+    path.write_bytes(damaged[kind])
     refused(r"square.c.1: is damaged .*; delete this file", study.load)
     path.unlink()
     jc.study(square, np.arange(600.0), tmp_path / "a", chunk=200)
@@ -345,48 +339,40 @@ def test_damaged_chunks_are_named(tmp_path, kind):
 
 def test_a_damaged_description_is_named(tmp_path):
     study = jc.study(square, np.arange(3.0), tmp_path / "a")
-    path = study.store / "zarr.json"
+    path, said = study.store / "zarr.json", "holds no study of jaxcable, or is damaged"
     for text in ("", "{", path.read_text().replace("jaxcable_study", "other")):
         path.write_text(text)
-        refused(
-            "holds no study of jaxcable, or is damaged",
-            jc.study,
-            square,
-            np.arange(3.0),
-            path.parent,
-        )
-        refused("holds no study of jaxcable, or is damaged", study.load)
+        refused(said, jc.study, square, np.arange(3.0), path.parent)
+        refused(said, study.load)
 
 
-def test_a_store_is_read_without_this_package(tmp_path):
-    cases = jc.studies.product(F=[1.0, 2.0])
-    jc.study(lambda case: {"y": 3 * case["F"]}, cases, tmp_path / "a.zarr", units={"y": "m"})
-    code = """
-        import sys
-        sys.modules["jaxcable"] = sys.modules["jax"] = None
-        import xarray
-        data = xarray.open_zarr(sys.argv[1])
-        print(float(data.y.sel(F=2.0)), data.y.units, data.sizes["F"])
-    """
+READ = """
+    import sys
+    sys.modules["jaxcable"] = sys.modules["jax"] = None
+    import xarray
+    data = xarray.open_zarr(sys.argv[1])
+    print(float(data.y.sel(F=2.0)), data.y.units, data.sizes["F"])
+"""
+COMPUTE = """
+    import sys
+    sys.modules["dask"] = sys.modules["distributed"] = sys.modules["cloudpickle"] = None
+    import jaxcable as jc
+    import numpy as np
+    cases = jc.studies.product(F=np.arange(1.0, 3.0))
+    study = jc.study(lambda case: {"y": 3 * case["F"]}, cases, sys.argv[1], units={"y": "m"})
+    print(study.load()["y"][1], study.open().y.units, study.n_case)
+"""
+
+
+@pytest.mark.slow_cases("without dask")
+@pytest.mark.parametrize("code", [READ, COMPUTE], ids=["without this package", "without dask"])
+def test_a_store_is_read_without_this_package_and_a_study_needs_no_dask(code, tmp_path):
+    if code is READ:
+        cases = jc.studies.product(F=[1.0, 2.0])
+        jc.study(lambda case: {"y": 3 * case["F"]}, cases, tmp_path / "a.zarr", units={"y": "m"})
     words = [sys.executable, "-W", "error", "-c", textwrap.dedent(code), str(tmp_path / "a.zarr")]
     done = subprocess.run(words, timeout=LIMIT, capture_output=True, text=True)
     assert done.stdout.split() == ["6.0", "m", "2"], done.stderr
-
-
-@pytest.mark.slow
-def test_a_study_needs_no_dask(tmp_path):
-    code = """
-        import sys
-        sys.modules["dask"] = sys.modules["distributed"] = sys.modules["cloudpickle"] = None
-        import jaxcable as jc
-        import numpy as np
-        cases = jc.studies.product(F=np.arange(5.0))
-        study = jc.study(lambda case: {"y": 3 * case["F"]}, cases, sys.argv[1], chunk=2)
-        print(study.load()["y"].sum(), study.open().y.sum().item())
-    """
-    words = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path / "a")]
-    done = subprocess.run(words, timeout=LIMIT, capture_output=True, text=True)
-    assert done.stdout.split() == ["30.0", "30.0"], done.stderr
 
 
 # --- input
