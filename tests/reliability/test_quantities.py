@@ -25,10 +25,7 @@ KINDS = {
             MEAN - np.euler_gamma * DEVIATION * np.sqrt(6) / np.pi, DEVIATION * np.sqrt(6) / np.pi
         ),
     ),
-    "uniform": (
-        Uniform,
-        stats.uniform(MEAN - np.sqrt(3) * DEVIATION, 2 * np.sqrt(3) * DEVIATION),
-    ),
+    "uniform": (Uniform, stats.uniform(MEAN - np.sqrt(3) * DEVIATION, 2 * np.sqrt(3) * DEVIATION)),
 }
 U = np.concatenate([np.linspace(-8, 8, 65), [-1e-9, 1e-9, 0.3]])
 
