@@ -12,25 +12,22 @@ from jaxcable.programs.evaluator import write_program
 X = np.array([0.5, 1.5, -2.0])
 
 
-def traced_branch():
-    """A function with a rarely taken branch, and the list of what was traced."""
-    seen = []
+def branching(seen, wrap):
+    """A function with a rarely taken branch, which `wrap` may defer, and notes its tracing."""
 
     def rare(x):
         seen.append("rare")
         return {"cube": x**3, "sum": jnp.sum(jnp.sin(x))}
 
-    def choose(x):
-        usual = {"cube": x, "sum": jnp.sum(x)}
-        later = deferred(rare, usual)
-        return lax.cond(jnp.sum(x) > 10, later, lambda x: {"cube": x, "sum": jnp.sum(x)}, x)
+    def usual(x):
+        return {"cube": x, "sum": jnp.sum(x)}
 
-    return choose, seen
+    return lambda x: lax.cond(jnp.sum(x) > 10, wrap(rare, usual(x)), usual, x)
 
 
 def test_a_branch_is_traced_when_it_is_first_taken():
-    choose, seen = traced_branch()
-    program = jax.make_jaxpr(choose)(X)
+    seen = []
+    program = jax.make_jaxpr(branching(seen, deferred))(X)
     assert seen == []
     run = write_program(program)
     np.testing.assert_allclose(run([X], [0.0, np.inf])[0], X)
@@ -54,14 +51,7 @@ def test_a_branch_is_traced_when_it_is_first_taken():
     ],
 )
 def test_it_is_the_function_within_programs(transform, shift):
-    choose, _ = traced_branch()
-
-    def plain(x):
-        def rare(x):
-            return {"cube": x**3, "sum": jnp.sum(jnp.sin(x))}
-
-        return lax.cond(jnp.sum(x) > 10, rare, lambda x: {"cube": x, "sum": jnp.sum(x)}, x)
-
-    ours, theirs = transform(choose)(X + shift), transform(plain)(X + shift)
+    both = [branching([], wrap) for wrap in (deferred, lambda rare, _: rare)]
+    ours, theirs = (transform(function)(X + shift) for function in both)
     for own, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-14)

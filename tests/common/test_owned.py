@@ -180,14 +180,7 @@ def test_every_class_that_users_construct_is_among_the_examples():
     } <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
     made_by_the_package |= {"Line", "LineStudy"}
-    made_by_the_package |= {
-        "Omission",
-        "Cases",
-        "ChunkReport",
-        "CableData",
-        "ProfileData",
-        "Units",
-    }
+    made_by_the_package |= {"Omission", "Cases", "ChunkReport", "CableData", "ProfileData", "Units"}
     # declarations in the bodies of own classes, texts and functions: no arrays
     made_by_the_package |= {"PhaseInput", "Result", "Rule"}
     # settings of one call, which copy what they are given (tests/design/test_checks.py)
