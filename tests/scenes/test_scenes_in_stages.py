@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from banks import problems
+from oracles.convergence import converged
 
 import jaxcable as jc
 
@@ -11,8 +12,7 @@ TIGHT = jc.Newton(tol=1e-13)
 
 
 def solved(scene):
-    solution = jc.solve(*scene, TIGHT)
-    assert int(solution.status) == 0
+    solution = converged(jc.solve(*scene, TIGHT))
     assert all(bool(phase.stable) for phase in solution.phases)
     problems.assert_balanced(solution)
     return solution
