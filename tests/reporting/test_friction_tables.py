@@ -27,7 +27,7 @@ def test_rows_are_segments_and_deviators():
     made, solution = report()
     rows = columns(made.tables["segment_tension"], "element", "place", "segment_tension")
     assert [row[:2] for row in rows] == [
-        *((0, "0 to 1"), (0, "1 to 2"), (0, "2 to 3"), (1, "0 to 4"), (1, "4 to 3")),
+        *((0, "0 to 1"), (0, "1 to 2"), (0, "2 to 3"), (1, "0 to 4"), (1, "4 to 3"))
     ]
     tensions = np.asarray(solution.element_results["segment_tension"]["ropes"])
     np.testing.assert_allclose([row[2] for row in rows], tensions.ravel()[:5], rtol=1e-12)

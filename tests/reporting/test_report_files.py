@@ -163,10 +163,12 @@ def test_a_missing_library_is_named(suffix, library, tmp_path, monkeypatch):
 
 
 def test_what_is_no_picture_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"pictures\['plan'\]: expected a matplotlib Figure"):
-        odd_report().save(tmp_path / "r.html", pictures={"plan": "plan.png"})
-    with pytest.raises(ValueError, match="rows"):
-        odd_report().save(tmp_path / "r.html", rows=0)
+    for options, message in (
+        ({"pictures": {"plan": "plan.png"}}, r"pictures\['plan'\]: expected a matplotlib Figure"),
+        ({"rows": 0}, "rows"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            odd_report().save(tmp_path / "r.html", **options)
     assert not list(tmp_path.iterdir())
 
 
