@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import scenes
+from oracles.convergence import converged
 
 import jaxcable as jc
 from jaxcable.cli import file_names, main
@@ -90,24 +91,18 @@ def test_a_path_without_a_name_has_no_picture_beside_it(folder, capsys):
 
 def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_marks(folder, capsys):
     """Files of others may well speak of this program."""
-    page, notes = "<html><h1>What I know of jaxcable</h1>", b"\x89PNG made of a result of jaxcable"
-    Path("net.html").write_text(page, encoding="utf-8")
-    Path("net.png").write_bytes(notes)
-    Path("hypar_net.png").write_bytes(notes)
+    notes = b"\x89PNG made of a result of jaxcable, <html><h1>What I know of jaxcable</h1>"
     for words, name, option in (
         (["view", "net.json"], "net.html", "--save"),
         (["plot", "net.json"], "net.png", "--save"),
         (["demo"], "hypar_net.png", "--plot"),
     ):
+        Path(name).write_bytes(notes)
         line = refused(words, capsys)
         assert line == (
             f"jaxcable: {name}: exists and was not written by jaxcable; {option} names another file"
         )
-    assert (
-        Path("net.html").read_text(encoding="utf-8") == page
-        and Path("net.png").read_bytes() == notes
-    )
-    assert Path("hypar_net.png").read_bytes() == notes
+        assert Path(name).read_bytes() == notes
     scene = Path("net.json").read_bytes()
     Path("scene.schema.json").write_bytes(scene)  # no schema, whatever it is called
     assert main(["new", "mast", "--force"]) == 0
@@ -129,17 +124,14 @@ def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, ca
 
     first = written()
     assert {Path(f"arch-{name}.csv") for name in ("nodes", "members", "summary")} <= first.keys()
-    looked_for = file_names.files_to_write(
-        "arch.csv", file_names.REPORT
-    ) + file_names.files_to_write("arch.csv", file_names.RESULT)
+    kinds = file_names.REPORT, file_names.RESULT
+    looked_for = [name for kind in kinds for name in file_names.files_to_write("arch.csv", kind)]
     assert first.keys() <= set(map(Path, looked_for))
     for path in first:  # what a user may have left of it
         path.write_text(path.read_text().splitlines()[0] + "\n")
     assert written() == first
-    solution = jc.solve(*scene)
-    assert int(solution.status) == 0
-    assert set(file_names.RESULT) == set(result_tables(scene.structure, solution))
-    assert capsys.readouterr().err == ""
+    tables = result_tables(scene.structure, converged(jc.solve(*scene)))
+    assert set(file_names.RESULT) == set(tables) and capsys.readouterr().err == ""
 
 
 def test_suffixes_may_be_in_capitals(tmp_path, monkeypatch):

@@ -1,8 +1,6 @@
 """The first steps of a new user: `new`, its scenes and scripts, and `plot`."""
 
-import contextlib
 import inspect
-import io
 import json
 import re
 import runpy
@@ -41,30 +39,6 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def scripts(folder, tmp_path_factory):
-    """What the scripts have printed and their solutions, by kind; with the programs of scenes.
-
-    As ``python net.py`` in another folder: they set precision by themselves, and write beside them.
-    """
-    found, elsewhere = {}, tmp_path_factory.mktemp("elsewhere")
-    for kind in new.KINDS:
-        with (
-            pytest.MonkeyPatch.context() as patch,
-            contextlib.redirect_stdout(io.StringIO()) as out,
-        ):
-            patch.chdir(elsewhere)
-            jax.config.update("jax_enable_x64", False)
-            try:
-                names = runpy.run_path(str(folder / f"{kind}.py"), run_name="__main__")
-                assert jax.config.jax_enable_x64
-            finally:
-                jax.config.update("jax_enable_x64", True)
-        found[kind] = out.getvalue(), names["solution"]
-    assert not list(elsewhere.iterdir())
-    return found
-
-
-@pytest.fixture(scope="module")
 def solved(folder):
     """Structure, phases and solution of every scene."""
     scenes = {kind: jc.load_scene(folder / f"{kind}.json") for kind in new.KINDS}
@@ -87,45 +61,37 @@ def test_scenes_are_valid_and_explain_themselves(kind, folder):
     assert max(map(len, text.splitlines())) <= 100  # it can be read
 
 
+def read(name):
+    return Path(name).read_text(encoding="utf-8")
+
+
 def test_new_says_what_to_type_next(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "net", "--save", "my roof.json"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in lines[:4]] == [
-        "wrote my roof.json",
-        "wrote my roof.py",
-        "wrote scene.schema.json",
-        "next",
-    ]
+    wrote = [f"wrote {name}" for name in ("my roof.json", "my roof.py", "scene.schema.json")]
+    assert [line.split(":")[0] for line in lines[:4]] == [*wrote, "next"]
     assert lines[4:] == [
         "  jaxcable solve 'my roof.json' --plot 'my roof.png'",
         "  jaxcable view 'my roof.json'",
     ]
-    assert (
-        Path("my roof.py")
-        .read_text(encoding="utf-8")
-        .startswith('"""A saddle of prestressed cables')
-    )
+    assert read("my roof.py").startswith('"""A saddle of prestressed cables')
 
 
 def test_new_replaces_nothing_unasked(tmp_path, monkeypatch, capsys):
     """Files of people are edited: neither scene nor script, nor a schema that is there."""
     monkeypatch.chdir(tmp_path)
     Path("dome.py").write_text("mine", encoding="utf-8")
-    Path("scene.schema.json").write_text("mine, too", encoding="utf-8")
+    Path("scene.schema.json").write_text("mine, too", encoding="utf-8")  # no schema of jaxcable
     assert main(["new", "dome"]) == 2
     assert one_line(capsys.readouterr().err) == (
         "jaxcable: dome.py: exists already; --save names another file, --force replaces it"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dome.py", "scene.schema.json"]
     assert main(["new", "dome", "--save", "other.json"]) == 0
-    assert Path("scene.schema.json").read_text(encoding="utf-8") == "mine, too"
     assert "scene.schema.json" not in capsys.readouterr().out
     assert main(["new", "dome", "--force"]) == 0
-    assert "mine" not in Path("dome.py").read_text(encoding="utf-8")
-    assert (
-        Path("scene.schema.json").read_text(encoding="utf-8") == "mine, too"
-    )  # no schema of jaxcable
+    assert "mine" not in read("dome.py") and read("scene.schema.json") == "mine, too"
     for name, message in (
         ("random.json", "random.py would hide Python's module of that name"),
         ("jaxcable.json", "jaxcable.py would hide Python's module"),
@@ -141,15 +107,10 @@ def test_new_replaces_nothing_unasked(tmp_path, monkeypatch, capsys):
 
 def test_scripts_pass_the_linter(folder):
     scripts = [f"{kind}.py" for kind in new.KINDS]
-    settings = ["--config", str(ROOT / "pyproject.toml")]
+    settings = ["--config", str(ROOT / "pyproject.toml"), "--no-cache", *scripts]
+    options = {"cwd": folder, "capture_output": True, "text": True, "check": False}
     for words in (["check"], ["format", "--check"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", *words, *settings, "--no-cache", *scripts],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = subprocess.run([sys.executable, "-m", "ruff", *words, *settings], **options)
         assert done.returncode == 0, done.stdout + done.stderr
     for name in scripts:
         text = (folder / name).read_text()
@@ -158,11 +119,22 @@ def test_scripts_pass_the_linter(folder):
 
 @pytest.mark.slow_cases("mast", "net")
 @pytest.mark.parametrize("kind", new.KINDS)
-def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
-    """Scenes have coordinates to 1e-6 m: a stretch of 1e-6 m over 6 m is 5 N of 32 MN."""
+def test_scripts_agree_with_their_scenes(kind, folder, solved, tmp_path, monkeypatch, capsys):
+    """As ``python net.py`` in another folder: they set precision by themselves.
+
+    Scenes have coordinates to 1e-6 m: a stretch of 1e-6 m over 6 m is 5 N of 32 MN.
+    """
     structure, _, solution = solved[kind]
     assert int(solution.status) == 0
-    printed, found = scripts[kind]
+    monkeypatch.chdir(tmp_path)
+    jax.config.update("jax_enable_x64", False)
+    try:
+        found = runpy.run_path(str(folder / f"{kind}.py"), run_name="__main__")["solution"]
+        assert jax.config.jax_enable_x64
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    printed = capsys.readouterr().out
+    assert not list(tmp_path.iterdir())  # what they write is beside them
     np.testing.assert_allclose(found.displacement, solution.displacement, rtol=0, atol=2e-6)
     assert set(found.tension) == set(structure.elements)
     for group, force in solution.tension.items():
@@ -272,13 +244,13 @@ def scenes(folder, monkeypatch, tmp_path):
     """An empty working folder with two of the scenes."""
     monkeypatch.chdir(tmp_path)
     for name in ("net.json", "mast.json"):
-        Path(name).write_text((folder / name).read_text(), encoding="utf-8")
+        Path(name).write_bytes((folder / name).read_bytes())
     return tmp_path
 
 
 def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch):
     """Calls of `plots`, whose pictures have their own tests."""
-    drawn = []
+    drawn, by_nodes = [], {len(scene[0].nodes): scene[2] for scene in solved.values()}
 
     def recorded(name):
         function = getattr(plots, name)
@@ -293,25 +265,18 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
 
     for name in ("net", "diagram", "sequence"):
         monkeypatch.setattr(plots, name, recorded(name))
-    by_nodes = {len(scene[0].nodes): scene[2] for scene in solved.values()}
-    monkeypatch.setattr(
-        "jaxcable.cli.solving.solver.solve",
-        lambda structure, *_, **__: by_nodes[len(structure.nodes)],
-    )
+    known = lambda structure, *_, **__: by_nodes[len(structure.nodes)]  # noqa: E731
+    monkeypatch.setattr("jaxcable.cli.solving.solver.solve", known)
     plain = {"magnify": 1.0, "color": "tension", "view": None}
-    color = {"color": "utilization"}
+    use, large = {"color": "utilization"}, {"magnify": 20.0}
     for words, name, expected in (
         ("net.json", "net", plain | {"reactions": False}),
-        ("net.json --of utilization", "net", plain | color),
+        ("net.json --of utilization", "net", plain | use),
         ("net.json --view elevation", "net", plain | {"view": "elevation"}),
-        ("net.json --magnify 20", "net", plain | {"magnify": 20.0}),
+        ("net.json --magnify 20", "net", plain | large),
         ("net.json --reactions", "net", plain | {"reactions": True}),
         ("net.json --sequence", "sequence", plain),
-        (
-            "net.json --sequence --magnify 20 --of utilization",
-            "sequence",
-            plain | color | {"magnify": 20.0},
-        ),
+        ("net.json --sequence --magnify 20 --of utilization", "sequence", plain | use | large),
         ("mast.json --of My", "diagram", {"of": "My", "view": None}),
         ("mast.json --of Vz --view elevation", "diagram", {"of": "Vz", "view": "elevation"}),
     ):
@@ -325,21 +290,17 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         assert call["solution"] is by_nodes[len(call["structure"].nodes)]
 
 
-@pytest.mark.slow
-def test_plot_writes_pictures_of_every_kind(scenes, capsys):
-    assert main(["plot", *"mast.json --of My --view elevation --save m.pdf".split()]) == 0
-    assert main(["plot", *"net.json --sequence --magnify 20 --save s.svg".split()]) == 0
-    assert Path("m.pdf").read_bytes().startswith(b"%PDF")
-    text = Path("s.svg").read_text(encoding="utf-8")
-    assert "</svg>" in text and "displacements x 20" in text
-    assert capsys.readouterr() == ("wrote m.pdf\nwrote s.svg\n", "")
-
-
-def test_plot_lies_beside_its_scene(scenes, capsys):
+def test_plot_lies_beside_its_scene_and_is_of_every_kind(scenes, capsys):
     Path("deep").mkdir()
     Path("net.json").rename("deep/net.json")
     assert main(["plot", "deep/net.json"]) == 0
     assert Path("deep/net.png").exists() and not Path("net.png").exists()
+    assert main(["plot", "deep/net.json", "--save", "m.pdf"]) == 0
+    assert main(["plot", *"deep/net.json --sequence --magnify 20 --save s.svg".split()]) == 0
+    assert Path("m.pdf").read_bytes().startswith(b"%PDF")
+    assert "</svg>" in read("s.svg") and "displacements x 20" in read("s.svg")
+    told = [f"wrote {Path(name)}\n" for name in ("deep/net.png", "m.pdf", "s.svg")]
+    assert capsys.readouterr() == ("".join(told), "")
 
 
 def test_plot_names_what_it_cannot_draw(scenes, capsys):
