@@ -4,6 +4,8 @@ The mast is the first element and the first straight piece; the second line has 
 a vertical plane.
 """
 
+import functools
+
 import numpy as np
 from oracles.convergence import converged
 from oracles.hanging_cable import HangingCable
@@ -17,6 +19,7 @@ SEGMENTS = {(0, 0): (0, 1), (0, 1): (1, 2), (0, 2): (2, 3), (1, 0): (4, 5), (1, 
 FILLER = (1, 2)
 
 
+@functools.cache
 def solved():
     """Return structure and solution of the lines under their weight; every node is held."""
     lines = jc.SlidingCatenaries(

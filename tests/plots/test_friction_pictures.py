@@ -1,6 +1,5 @@
 """Pictures of cables with friction: every segment has its own tension, in colors and diagrams."""
 
-import jax
 import numpy as np
 import pytest
 import scenes
@@ -89,41 +88,28 @@ def test_tension_along_a_stay(stay):
     assert legend_texts(imperial)[:3] == ["phase 1", "phase 2", "phase 3"]
 
 
-def test_tension_along_a_hanging_cable():
-    """Its tension rises towards the pulley; without friction there is no jump, and no mark."""
-    nodes = [[0.0, 0.0, 0.0], [200.0, 0.0, 40.0], [500.0, 0.0, 0.0]]
-    line = jc.SlidingCatenaries(
-        links=[[0, 1, 2]], axial_stiffness=3e7, weight=15.0, rest_length=510.0
-    )
-    bar = jc.Bars([[1, 3]], axial_stiffness=1e9)  # a node that can move
-    supports = jc.pinned([0, 1, 2]) + jc.restrained([3], "xy")
-    structure = jc.Structure([*nodes, [200.0, 0.0, 41.0]], {"line": line, "bar": bar}, supports)
-    with jax.numpy_rank_promotion("allow"):  # as users have it
-        solution = converged(jc.solve(structure, jc.Phase(loads=jc.SelfWeight(on="line"))))
-    (axes,) = jc.plots.tension_along(solution).axes
-    ends = np.asarray(solution.element_results["end_tensions"]["line"][0]) / 1e3
+def test_tension_along_a_hanging_cable(lines):
+    """It rises towards the pulleys, with dots where friction is fully used."""
+    (axes,) = jc.plots.tension_along(lines[1]).axes
+    ends = np.asarray(lines[1].element_results["end_tensions"]["lines"][0])
     _, values = axes.lines[0].get_data()
-    np.testing.assert_allclose(values, ends.ravel() * (1e3 if ends.max() < 10 else 1), rtol=1e-12)
-    assert values[1] == pytest.approx(values[2]) and values[0] < values[1] > values[3]
-    assert not any(len(marks.get_xdata()) for marks in axes.lines[1:])
+    np.testing.assert_allclose(values, ends.ravel(), rtol=1e-12)  # below 10 kN in N
+    assert values[0] < values[1] and values[4] > values[5]
+    used = np.abs(lines[1].element_results["friction_used"]["lines"][0])
+    dots = sum(len(marks.get_xdata()) for marks in axes.lines[1:])
+    assert dots == np.count_nonzero(used > 1 - 1e-6) > 0
 
 
-@pytest.mark.parametrize(
-    ("message", "options"),
-    [
-        (
-            "group = 'saddle': is no group of cables with friction; there are 'stay'",
-            {"group": "saddle"},
-        ),
+def test_tension_along_refuses(stay):
+    for message, options in (
+        ("group = 'saddle': is no group of cables with friction; there are", {"group": "saddle"}),
         ("element = 1: there are elements 0 to 0", {"element": 1}),
         ("phase = 3: there are phases 0 to 2", {"phases": [3]}),
         ("names: 1 of them, but 3 phases", {"names": ["on"]}),
         ("phases: the cable is in none of them", {"phases": []}),
-    ],
-)
-def test_tension_along_refuses(stay, message, options):
-    with pytest.raises(ValueError, match=message):
-        jc.plots.tension_along(stay[1], **options)
+    ):
+        with pytest.raises(ValueError, match=message):
+            jc.plots.tension_along(stay[1], **options)
 
 
 @pytest.fixture(scope="module")
