@@ -65,7 +65,7 @@ print("guys, kN:", (windy.tension["guys"] / 1e3).round(1))
 # ## Modes
 #
 # Masses are those of the weights. Modes across and along the wind nearly coincide, as the guys make
-# three equal angles.
+# three equal angles; seen from the side, those across the wind look straight.
 
 # %%
 modes = jc.dynamics.modes(mast, windy, n=20)
