@@ -81,7 +81,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
         radius: of saddles and pulleys, given as `friction`, m; default 0, a point.
-        axis: about which the cable turns there by the right-hand rule, [3] or
+        axis: vector without unit about which the cable turns there by the right-hand rule, [3] or
             [n_elem, n_deviator, 3]. Default: that about which the polygon of initial nodes turns.
 
     Raises:

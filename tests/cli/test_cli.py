@@ -495,6 +495,7 @@ QUIET = {
     "form": "net.json --tension 15000 --save formed.json",
     "optimize": None,  # in `test_optimize_that_fails_writes_nothing_unasked`
     "line": None,  # in tests/lines/test_line_files.py
+    "mast": None,  # in tests/masts/test_mast_files.py
     "convert": "net.json --save net.dxf",
     "schema": "",
     "demo": "",

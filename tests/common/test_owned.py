@@ -92,7 +92,7 @@ def examples():
 
 
 def motion():
-    """Objects of motion in time, and of overhead lines."""
+    """Objects of motion in time, of overhead lines and of masts."""
     dynamics, post = jc.dynamics, ["post", "suspension", "post"]
     layer = jc.catalogue.Layer([0.0, 7e10], np.array(7e10), 2e-5, [0.0, 6e10])
     sizes = (np.array(x) for x in (4e-4, 0.03, 15.0, 1e5))
@@ -105,7 +105,18 @@ def motion():
         dynamics.Turbulence(jc.WindPowerLaw(20.0, 0.2), np.array(3.0), np.array(150.0)),
         *(layer, conductor, jc.lines.LineState(np.array(5.0), ice=[0.01, 0.02])),
         jc.lines.LineSection(conductor, *places, string_length=[2.0] * 3, **ground),
+        *masts(),
     ]
+
+
+def masts():
+    """A guyed mast, its parts, and a state of wind."""
+    part = jc.masts.MastSection(np.array(20.0), 1e9, 5e7, 2e7, weight=np.array(800.0))
+    sizes = (np.array(x) for x in (3e7, 16.0, 0.018, 3e5, 3e4))
+    level = jc.masts.GuyLevel(19.0, [9.0] * 3, [0.0, 120.0, 240.0], *sizes)
+    dish = jc.masts.Ancillary(np.array(18.0), drag_area=np.array(1.6))
+    state = jc.masts.MastState(jc.WindTable(pressures=500.0), ice=np.array(0.01))
+    return part, level, dish, state, jc.masts.GuyedMast([part], [level], [dish])
 
 
 def shared(value, taken):
@@ -179,7 +190,7 @@ def test_every_class_that_users_construct_is_among_the_examples():
         one for one in shipped if not is_check(one)
     } <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
-    made_by_the_package |= {"Line", "LineStudy"}
+    made_by_the_package |= {"Line", "LineStudy", "MastJob", "MastStudy"}
     made_by_the_package |= {"Omission", "Cases", "ChunkReport", "CableData", "ProfileData", "Units"}
     # declarations in the bodies of own classes, texts and functions: no arrays
     made_by_the_package |= {"PhaseInput", "Result", "Rule"}

@@ -144,7 +144,7 @@ def test_indefinite_interior_steps_are_taken_if_the_tangent_is_unsymmetric(
     """
     structure, phase = beside_struts(seed, ratio)
     if follows:
-        none = jc.CablePressure(0.0, (1.0, 0.3, 0.5), on="cables")
+        none = jc.CablePressure(1e-9, (1.0, 0.3, 0.5), on="cables")
         phase = jc.replace(phase, loads=[phase.loads, none])
     solution = jc.solve(structure, phase)
     jax.effects_barrier()

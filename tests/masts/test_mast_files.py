@@ -115,6 +115,8 @@ def test_command_reports_a_mast(tmp_path, capsys, monkeypatch):
     page = (tmp_path / "mast.html").read_text()
     for title in ("Tensions of guys", "Envelope of the mast", "Forces on foundations"):
         assert title in page
+    assert main(["mast", "mast.json", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
     assert main(["mast", "mast.json", "--save", "mast.json"]) == 2
     assert "mast.json" in capsys.readouterr().err
     written(tmp_path, states={})

@@ -98,7 +98,6 @@ def test_hoop_of_a_dome():
     assert moved[1] > 1.5 * moved[0]
 
 
-@pytest.mark.slow
 def test_ropeway():
     """Each segment integrated apart: the cabin's weight, and capstan ratios at both towers."""
     structure, phases = scenes.ropeway(rides=1)

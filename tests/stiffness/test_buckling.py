@@ -254,7 +254,6 @@ def textbook(n, kind):
     return 1 / scipy.linalg.eigh(G[at], K[at], eigvals_only=True)[::-1] / EULER[kind]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "kind"),
     [(2, "free"), (2, "pinned"), pytest.param(8, "pinned", marks=pytest.mark.slow)],
