@@ -71,7 +71,6 @@ def test_known_optima(study, name, digits):
     assert found.evaluations < 300  # the method of multipliers has taken 61 000 for the dome
 
 
-@pytest.mark.slow
 def test_the_dome_by_numpy(study):
     """The load path and the moves in plan of the optimum, by a dense matrix of force densities."""
     dome, minimum = study
