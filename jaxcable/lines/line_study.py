@@ -171,7 +171,7 @@ def study_line(line: Line) -> LineStudy:
 
 
 def _warn_of_low_tension(section, tension):
-    """Warn of a stated tension below a thousandth of the strength, such as one in kN; None: none."""
+    """Warn of a stated tension, or None, below a thousandth of the strength, such as one in kN."""
     if tension is not None and 0 < float(tension) < 1e-3 * float(section.conductor.strength):
         text = f"horizontal tension of {float(tension):.4g} N: below 0.1 % of the rated strength"
         checks.warn_user(f"{text}; is it in N?")

@@ -964,6 +964,7 @@ combinations([replace(DEAD, loads=None)]).cases
 combinations([SNOW]).select_rules("ULS")  # rules = 'ULS': no combination is of it
 combinations([WARM, replace(WARM, name="cold", temperature={"net": 1.0})]).cases
     # actions: temperature of 'cold' has another form than that of 'warm'
+report(HUNG, solution(), checks=[1])  # checks: expected the Checks of design.checks, got list
 report(HUNG, solution(), combinations=5)  # combinations: expected Combinations, got int
 report(HUNG, solution(), combinations=combinations([SNOW]))
     # combinations: come with cases=..., their results
