@@ -41,6 +41,7 @@ def unknown_name_error(name: str, names: Iterable[str], what: str) -> ValueError
     plain, wanted = {plain_name(one): one for one in names}, plain_name(name)
     alike = [one for one in plain if _NUMBER.sub("#", one) == _NUMBER.sub("#", wanted)]
     near = sorted(alike, key=lambda one: _number_distance(one, wanted))[:3]
+    near = near or [x for x in plain if all(plain_name(w) in x for w in str(name).split())][:3]
     near = near or difflib.get_close_matches(wanted, list(plain), n=3, cutoff=0.6)
     hint = f"; near it are {', '.join(plain[one] for one in near)}" if near else ""
     return ValueError(f"name = {name!r}: is in no table{hint}; {what}")

@@ -179,7 +179,7 @@ def transient(
         checks.require_one_of(distribution, "distribution", DISTRIBUTIONS)
     if removes is not None and not isinstance(removes, Removal):
         kind = checks.describe_type(removes, "Removal(jc.only([3]))")
-        raise ValueError(f"removes: expected a Removal, got {kind}")
+        raise ValueError(f"removes: expected a dynamics.Removal, got {kind}")
     require_finite(dt, "dt")
     duration = nan_if_broken(positive("dt", checks.as_scalar(dt, "dt")))
     radius = checks.as_scalar(spectral_radius, "spectral_radius")

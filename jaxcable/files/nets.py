@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from ..analysis.phases import Phase
 from ..common import checks
 from ..common.owned import owned_copy
+from ..common.summary import summarize
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
@@ -63,6 +64,8 @@ class Net:
     names: tuple[str, ...] = ()
     marks: dict[str, Int[np.ndarray, " n"]] = dataclasses.field(default_factory=dict)
     omissions: tuple[Omission, ...] = ()
+    _shown = "nodes, links, fixed, loads, values, omissions"
+    __repr__ = summarize
 
     def __post_init__(self):
         for field in dataclasses.fields(self):

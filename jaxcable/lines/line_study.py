@@ -156,6 +156,7 @@ def study_line(line: Line) -> LineStudy:
     if not stretches and (final := [k for k, s in states.items() if s.condition == "final"]):
         text = "give a state the role stretches or creeps"
         raise ValueError(f"states[{final[0]!r}]: is final, but no state stretches the line; {text}")
+    _warn_of_low_tension(section, line.stringing.get("horizontal_tension"))
     strung = string(section, **line.stringing)
     permanent = None
     if stretches:
@@ -167,6 +168,13 @@ def study_line(line: Line) -> LineStudy:
     chart = pulleys(section, strung, line.temperatures)
     ruling = ruling_span(section, strung, states, results, permanent=permanent)
     return LineStudy(line, strung, permanent, results, chart, ruling)
+
+
+def _warn_of_low_tension(section, tension):
+    """Warn of a stated tension, or None, below a thousandth of the strength, such as one in kN."""
+    if tension is not None and 0 < float(tension) < 1e-3 * float(section.conductor.strength):
+        text = f"horizontal tension of {float(tension):.4g} N: below 0.1 % of the rated strength"
+        checks.warn_user(f"{text}; is it in N?")
 
 
 def _warn_of_overloads(section, states, results):

@@ -69,7 +69,8 @@ def warn_of_prestress(
         strength = array_or_none(group.strength)
         if strength is not None:
             over = force > strength
-            text = "".join(f"more than its strength, {s:.6g} N" for s in strength[over][:1])
+            most = zip((force / strength)[over][:1], strength[over], strict=False)
+            text = "".join(f"{r:.4g} times its strength, {s:.6g} N" for r, s in most)
             yield from describe_first_wrong(label, value, over, text)
         if stiffness is not None:
             yield from _describe_unlikely_strain(label, value, force / stiffness, _UNITS, stiffness)

@@ -263,7 +263,7 @@ def _add_checks(summary, tables, checks):
     """
     if not isinstance(checks, Checks):
         kind = arguments.describe_type(checks, "design.checks(structure, solutions)")
-        raise ValueError(f"checks: expected Checks, got {kind}")
+        raise ValueError(f"checks: expected the Checks of design.checks, got {kind}")
     summary = [summary[0], *check_sentences(checks), *summary[1:]]  # behind the status
     return summary, {**check_tables(checks), **tables}
 

@@ -134,8 +134,10 @@ def split_solution_state(
     if idle is not None:
         fixed = FixedDofs(fixed.array | idle, fixed.axes, fixed.mechanisms)
     if fixed.shape != state.fixed[-1].shape:
+        n_row, width = state.fixed[-1].shape
         raise ValueError(
-            f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
+            f"fixed: expected booleans of shape {(n_row, width)}, got {fixed.shape}; those that "
+            f"supports hold at nodes are supports.fixed({structure.n_node})[:, :{width}]"
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
     if number is None:

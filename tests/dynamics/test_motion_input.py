@@ -27,9 +27,9 @@ def step(time):
     ("options", "text"),
     [
         ({"method": jc.Incremental()}, "method: expected Newton, got Incremental"),
-        ({"removes": [Removal(True)]}, "removes: expected a Removal, got list"),
-        ({"removes": 0}, "removes: expected a Removal, got int"),
-        ({"removes": jc.only([0])}, "removes: expected a Removal, got Selection"),
+        ({"removes": [Removal(True)]}, "removes: expected a dynamics.Removal, got list"),
+        ({"removes": 0}, "removes: expected a dynamics.Removal, got int"),
+        ({"removes": jc.only([0])}, "removes: expected a dynamics.Removal, got Selection"),
         ({"removes": Removal(True, 0.1, 2.0)}, r"removes.duration = 2.0: .* after the motion"),
         (
             {"removes": Removal(True, GIVEN["dt"] * 6)},

@@ -147,6 +147,7 @@ def test_pieces_keep_what_their_link_had():
     )
     found = net.split()
     assert found.links.tolist() == [[0, 5], [5, 1], [2, 5], [5, 3], [1, 4]]
+    assert repr(found).startswith("Net\n  nodes [6, 3] ") and repr(found).count("\n") < 5
     assert found.groups == tuple("aabbc")
     assert found.kinds == ("cable", "cable", "bar", "bar", "cable")
     assert found.names == (*"ABCDE", "") and found.loads[5].tolist() == [0.0] * 3

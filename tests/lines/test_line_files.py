@@ -220,3 +220,12 @@ def test_overloads_are_warned_of():
     assert len(texts) == 2 and "calm" not in "".join(texts)
     assert texts[0].startswith("strain beyond the curves of Drake in the states 'ice'")
     assert texts[1].startswith("tension above the rated strength in the states 'ice' (")
+
+
+def test_a_tension_in_kilonewtons_is_warned_of():
+    drake = jc.catalogue.conductor("Drake")
+    section = jc.lines.LineSection(drake, [0.0, 300.0], [0.0, 0.0], [22.0, 22.0], "post")
+    line = jc.lines.Line(section, {"horizontal_tension": 24.0}, {"calm": jc.lines.LineState()})
+    with pytest.warns(jc.InputWarning, match=r"24 N: below 0\.1 % of the rated .* in N\?"):
+        study = jc.lines.study_line(line)
+    assert study.status != 0

@@ -336,6 +336,8 @@ catalogue.profile("CHS 20x10", STEEL)  # name = 'CHS 20x10': the wall is too thi
 catalogue.profile("RHS 200x8", STEEL)  # name = 'RHS 200x8': 2 numbers; expected as in
 catalogue.profile("SHS 100x5", STEEL, manufacture="welded")  # manufacture = 'welded': expected
 catalogue.profile_names("INP")  # family = 'INP': expected one of IPE
+catalogue.cable("Galfan 20")
+    # name = 'Galfan 20': is in no table; near it are Galfan spiral strand 20
 catalogue.cable("Drakke")  # name = 'Drakke': is in no table; near it are Drake
 catalogue.cable("Drake", count=0)  # count = 0: expected a whole number
 catalogue.cable_names("chain")  # kind = 'chain': expected one of
@@ -626,7 +628,7 @@ stiffness.modes(HUNG, None, n=0)  # n = 0: expected a whole number
 stiffness.modes(HUNG, None)  # state: expected a Solution or its .last
 stiffness.tangent_stiffness(HUNG, HUNG)  # state: expected a Solution ... got Structure
 stiffness.tangent_stiffness(HUNG, solution(), fixed=np.zeros((2, 3), bool))
-    # fixed: expected booleans of shape (4, 3), got (2, 3)
+    # fixed: expected booleans of shape (4, 3), got (2, 3); ... supports.fixed(4)[:, :3]
 describe(Design(*[0] * 9))  # code: got a Design; give its status
 describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
@@ -962,6 +964,7 @@ combinations([replace(DEAD, loads=None)]).cases
 combinations([SNOW]).select_rules("ULS")  # rules = 'ULS': no combination is of it
 combinations([WARM, replace(WARM, name="cold", temperature={"net": 1.0})]).cases
     # actions: temperature of 'cold' has another form than that of 'warm'
+report(HUNG, solution(), checks=[1])  # checks: expected the Checks of design.checks, got list
 report(HUNG, solution(), combinations=5)  # combinations: expected Combinations, got int
 report(HUNG, solution(), combinations=combinations([SNOW]))
     # combinations: come with cases=..., their results
@@ -1062,7 +1065,9 @@ net(elements={"mast": Beams(LINKS, section=Section.rectangle(100.0, 200.0, STEEL
 stated(cables(expansion=12.0), temperature=30.0)
     # phases[0].temperature[0] = 30: a strain of 3.6e+04 %, ... is the expansion in 1/K
 stated({"net": cables(strength=[20.0, 5.0, 20.0])}, pretension=10.0)
-    # phases[0].pretension['net'][1] = 10: more than its strength, 5 N
+    # phases[0].pretension['net'][1] = 10: 2 times its strength, 5 N
+stated({"net": cables(strength=[20.0, 5.0, 20.0])}, force_density=8.0)
+    # phases[0].force_density['net'][1] = 8: 1.6 times its strength, 5 N
 
 ## what no increment sees
 loaded(Varying(push(), HALF, [0.0, 1.0, 0.0]))
