@@ -75,12 +75,11 @@ class LineState:
     broken: int | None = None
 
     def __post_init__(self):
-        for name in _NUMBERS:
-            set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
+        numbers = {name: checks.as_scalar(getattr(self, name), name) for name in _NUMBERS}
         ice = checks.as_floats(self.ice, "ice")
         if ice.ndim > 1:
             raise ValueError(f"ice: expected shape [] or [n_span], got {ice.shape}")
-        set_fields(self, ice=ice)
+        set_fields(self, ice=ice, **numbers)
         checks.require_one_of(self.condition, "condition", CONDITIONS)
         if self.broken is not None:
             set_fields(self, broken=_span_index(self.broken))
@@ -96,6 +95,12 @@ class LineState:
         names = ("ice", "wind", "drag", "extra", "ice_density")
         return [not_negative(name, getattr(self, name)) for name in names]
 
+    @property
+    def blows(self) -> Float[Array, " 3"]:
+        """Unit vector towards which the wind blows, [3]."""
+        angle = jnp.radians(jnp.asarray(self.wind_direction))
+        return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+
     def loads(
         self,
         section: LineSection,
@@ -106,10 +111,8 @@ class LineState:
 
         `scale` multiplies ice and `extra` on the spans, `wind_scale` the wind, [n_span].
         """
-        angle = jnp.radians(jnp.asarray(self.wind_direction))
-        blows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+        blows, wind = self.blows, WindTable(pressures=self.wind)
         diameter = section.conductor.diameter
-        wind = WindTable(pressures=self.wind)
         found: list[Load] = [
             SelfWeight(),
             IceLoads(self.ice, diameter, self.ice_density, on="conductor"),
@@ -128,8 +131,7 @@ class LineState:
     def load_per_length(self, section: LineSection) -> Float[Array, "n_span 2"]:
         """Return the loads on level spans, [n_span, 2], N/m: across the span, and downwards."""
         own = section.directions()
-        angle = jnp.radians(jnp.asarray(self.wind_direction))
-        across = own[:, 0] * jnp.sin(angle) - own[:, 1] * jnp.cos(angle)
+        across = own[:, 0] * self.blows[1] - own[:, 1] * self.blows[0]
         wide = section.conductor.diameter + 2 * jnp.asarray(self.ice)
         blown = self.wind * self.drag * wide * across * jnp.abs(across)
         weight = section.conductor.weight + self.ice_weight(section)

@@ -1,8 +1,7 @@
-"""The law of the conductor in all spans of a section: tangents, tensions, mean tensions."""
+"""What the law of the conductor needs in all spans of a section: first strains, mean tensions."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.types import Array, Float
-from . import conductor_law
+from .conductor_law import NO_SET
 from .line_section import LineSection
 
 Tree = TypeVar("Tree")
@@ -33,27 +32,7 @@ def stack(trees: Sequence[Tree]) -> Tree:
 def never_loaded(section: LineSection) -> Float[Array, "n_span n_layer"]:
     """Return the permanent strains of a conductor that has never been loaded."""
     shape = len(section.layout.spans), len(section.conductor.layers)
-    return jnp.asarray(np.full(shape, conductor_law.NO_SET))
-
-
-def _map_spans(function, tension_axis=0):
-    """Return a function of `conductor_law` for all spans: of conductor and the arguments below."""
-
-    def of_spans(conductor, values, temperature, permanent, creeps=False, **more):
-        law = functools.partial(function, conductor, creeps=creeps, **more)
-        axes = (tension_axis, None, 0)
-        return jax.vmap(law, axes)(jnp.asarray(values), jnp.asarray(temperature), permanent)
-
-    return of_spans
-
-
-# Functions of the conductor, strains [n_span] (or one tension, N), the temperature, degrees C,
-# permanent strains of the layers, [n_span, n_layer], and whether the conductor creeps; tangents
-# also of how far ahead of the strain they have their slope.
-tangent_of_spans = _map_spans(conductor_law.tangent_law)
-tensions_at = _map_spans(conductor_law.tension_at)
-permanent_of_spans = _map_spans(conductor_law.permanent_strains)
-strains_at = _map_spans(conductor_law.strain_at, None)
+    return jnp.asarray(np.full(shape, NO_SET))
 
 
 def mean_tension(pulls: Float[Array, "n_span 2 3"]) -> Float[Array, " n_span"]:
