@@ -26,7 +26,7 @@ from ..forms import catenary_curves
 from ..programs.program_calls import as_program
 from ..results import clearance_over_ground, distance_to_line, horizontal_tensions, sags
 from .conductor_law import ConductorLaw
-from .line_section import LineSection
+from .line_section import LineSection, unit
 from .line_states import STRING_DRAG, LineState
 from .span_law import mean_tension, never_loaded, stack
 
@@ -356,7 +356,7 @@ def _attachments(section, state, solution, pulls):
         first, last = np.array(own.strings).T
         at, drawn = tower[hung], section.nodes()
         weight = jnp.asarray(section.string_weight)[at, None] * jnp.asarray([[0.0, 0.0, 1.0]])
-        wind = _string_wind(section, state, drawn[last] - drawn[first], at)
+        wind = _string_wind(section, state, unit(drawn[last] - drawn[first]), at)
         force = force.at[hung].add(wind - weight)
         drop = solution.positions[last] - solution.positions[first]
         both = jnp.stack([jnp.sum(drop * left[hung], 1), jnp.sum(drop * along[hung], 1)], axis=1)
@@ -368,8 +368,7 @@ def _attachments(section, state, solution, pulls):
 
 
 def _string_wind(section, state, axis, at):
-    """Return the force of the wind on strings along `axis` at towers, [n_string, 3], N."""
-    axis = axis / jnp.sqrt(jnp.sum(axis**2, axis=1, keepdims=True))
+    """Return the force of the wind on strings along unit vectors at towers, [n_string, 3], N."""
     across = state.blows - jnp.sum(state.blows * axis, axis=1, keepdims=True) * axis
     size = jnp.sqrt(jnp.sum(across**2, axis=1, keepdims=True))
     return STRING_DRAG * state.wind * jnp.asarray(section.string_area)[at, None] * size * across

@@ -14,7 +14,7 @@ from ..common.types import Array, ArrayLike, Float
 from ..loads import IceLoads, LineLoads, SelfWeight, WindLoads, WindTable
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
-from .line_section import LineSection
+from .line_section import LineSection, unit
 
 CONDITIONS = "initial", "final", "creep"
 """Which curves a conductor follows in a state: of first loading, after stretch, of creep."""
@@ -146,11 +146,10 @@ class LineState:
 
     def _more_load(self, section, scale):
         """Return `extra` in its direction, and what `scale` adds to the ice, [n_span, 3], N/m."""
-        both = self.load_per_length(section)
-        unit = both / jnp.sqrt(jnp.sum(both**2, axis=1, keepdims=True))
+        along = unit(self.load_per_length(section))
         own = section.directions()
         scale = jnp.broadcast_to(scale, (len(own),))[:, None]
         left = jnp.stack([-own[:, 1], own[:, 0]], axis=1)
-        more = self.extra * jnp.concatenate([unit[:, :1] * left, -unit[:, 1:]], axis=1) * scale
+        more = self.extra * jnp.concatenate([along[:, :1] * left, -along[:, 1:]], axis=1) * scale
         ice = jnp.broadcast_to(self.ice_weight(section), (len(own),))[:, None]
         return more - ice * (scale - 1) * jnp.asarray([[0.0, 0.0, 1.0]])
