@@ -115,3 +115,18 @@ class ConductorLaw(NamedTuple):
         both = zip(*self.layer_stresses(strain), self.conductor.layers, strict=True)
         left = jnp.stack([own - stress / layer.modulus for stress, own, layer in both], axis=-1)
         return jnp.maximum(left, self.permanent)
+
+
+def mean_tension(pulls: Float[Array, "n_span 2 3"]) -> Float[Array, " n_span"]:
+    """Return the mean tensions along the unstressed lengths of catenaries, [n_span], N.
+
+    Across the load the tension is constant, H, and along it u changes evenly from end to end, so
+    that it is the mean of ``sqrt(H^2 + u^2)``. `pulls` are the forces on the nodes at both ends, N.
+    """
+    load = jnp.sum(pulls, axis=1, keepdims=True)
+    whole = jnp.sqrt(jnp.sum(load**2, axis=-1))
+    along = jnp.sum(pulls * load, axis=-1) / whole
+    across2 = jnp.sum(pulls[:, 0] ** 2, axis=-1) - along[:, 0] ** 2
+    level = jnp.sqrt(across2)[:, None]
+    area = 0.5 * (along * jnp.hypot(level, along) + level**2 * jnp.arcsinh(along / level))
+    return jnp.sum(area, axis=1) / whole[:, 0]

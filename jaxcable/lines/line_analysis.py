@@ -23,12 +23,12 @@ from ..common.selection import only
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..forms import catenary_curves
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
 from ..results import clearance_over_ground, distance_to_line, horizontal_tensions, sags
-from .conductor_law import ConductorLaw
+from .conductor_law import ConductorLaw, mean_tension
 from .line_section import LineSection, unit
 from .line_states import STRING_DRAG, LineState
-from .span_law import mean_tension, never_loaded, stack
 
 _ROUNDS = 40  # of the law of the conductor; Newton's method needs three to six
 _USUAL_ROUNDS = 8  # after which the iteration is taken for one that cycles about a corner
@@ -156,7 +156,7 @@ def analyse(
             raise ValueError(f"states[{name!r}].broken = {state.broken}: there are {count} spans")
     cases = {
         name: _case_of(
-            *(state, permanent if state.condition == "final" else never_loaded(section)),
+            *(state, permanent if state.condition == "final" else section.never_loaded),
             *(stretched, count),
         )
         for name, state in states.items()
@@ -166,7 +166,8 @@ def analyse(
         own = [name for name, state in states.items() if state.broken == broken]
         each = _analyse_each(section, strung.length, [cases[name] for name in own])
         found |= zip(own, each, strict=True)
-    return copy_with(stack([found[name] for name in states]), names=tuple(states))
+    every = jax.tree.map(jnp.asarray, stack_trees([found[name] for name in states]))
+    return copy_with(every, names=tuple(states))
 
 
 @pytree(static=("stretched",))
@@ -198,7 +199,7 @@ def _analyse_each(section, length, cases):
         return [_analyse_case(section, length, case) for case in cases]
     count = len(cases)
     same = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *jnp.shape(x))), (section, length))
-    found = batched(lambda data, case: _analyse_case(*data, case))(same, stack(cases))
+    found = batched(lambda data, case: _analyse_case(*data, case))(same, stack_trees(cases))
     return [jax.tree.map(lambda x, k=k: x[k], found) for k in range(count)]
 
 

@@ -17,36 +17,27 @@ from ..catalogue.tables import read_rows
 from ..common import checks
 from ..common.writing import atomic_write
 from ..files.reading import FileError, read_json
+from . import line_section, line_states
 from .line_section import KINDS, LineSection
 from .line_states import LineState
 
-_TOWERS = {
-    "station": "station_m",
-    "ground": "ground_m",
-    "height": "height_m",
-    "offset": "offset_m",
-    "angle": "angle_deg",
-    "string_length": "string_length_m",
-    "string_weight": "string_weight_n",
-    "string_area": "string_area_m2",
-}
-"""Columns of tables of towers by fields of `LineSection`; from `offset` on they may be left out."""
-_STATES = {
-    "temperature": "temperature_c",
-    "wind": "wind_pa",
-    "wind_direction": "wind_direction_deg",
-    "drag": "drag",
-    "extra": "extra_n_per_m",
-    "ice_density": "ice_density_kg_per_m3",
-}
-"""Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
 _COLUMNS = {
-    "towers": ("tower", "kind", *_TOWERS.values()),
-    "states": ("state", "condition", "role", "ice_mm", *_STATES.values(), "broken_span"),
+    "towers": (
+        *("tower", "kind", "station_m", "ground_m", "height_m", "offset_m", "angle_deg"),
+        *("string_length_m", "string_weight_n", "string_area_m2"),
+    ),
+    "states": (
+        *("state", "condition", "role", "ice_mm", "temperature_c", "wind_pa", "wind_direction_deg"),
+        *("drag", "extra_n_per_m", "ice_density_kg_per_m3", "broken_span"),
+    ),
     "ground": ("station_m", "elevation_m"),
     "crossings": ("crossing", "station_m", "offset_m", "elevation_m"),
 }
-"""Columns of all tables of a line."""
+"""Columns of the tables of a line."""
+_TOWERS = dict(zip(line_section.NUMBERS, _COLUMNS["towers"][2:], strict=True))
+"""Columns of tables of towers by fields of `LineSection`; from `offset` on they may be left out."""
+_STATES = dict(zip(line_states.NUMBERS, _COLUMNS["states"][4:-1], strict=True))
+"""Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
 _NEEDED = _COLUMNS | {"towers": _COLUMNS["towers"][:5], "states": ("state",)}
 _ROLES = "stretches", "creeps"
 _STRINGING = {

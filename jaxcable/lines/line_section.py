@@ -17,13 +17,15 @@ from ..common.types import Array, ArrayLike, Float
 from ..elements import Bars, Catenaries
 from ..model.structure import Structure
 from ..model.supports import pinned
+from .conductor_law import NO_SET
 
 KINDS = "suspension", "strain", "post"
 """How a tower holds the conductor: by a hanging string, by strings in line, on a rigid post."""
 
 _STRING_STIFFNESS = 1e9  # EA of insulator strings, N: one of 3 m gives 0.1 mm at 30 kN
-_TABLE = ("station", "ground", "height", "offset", "angle")
-_STRINGS = ("string_length", "string_weight", "string_area")
+_STRINGS = "string_length", "string_weight", "string_area"
+NUMBERS = "station", "ground", "height", "offset", "angle", *_STRINGS
+"""Fields of a section that have a number for each tower."""
 
 
 def unit(vectors: Float[Array, "n dim"]) -> Float[Array, "n dim"]:
@@ -191,7 +193,7 @@ class LineSection:
         if len(names) != count or len(set(names)) != count:
             raise ValueError(f"names: expected {count} different names, one for each tower")
         set_fields(self, station=station, kinds=kinds, names=names)
-        for name in (*_TABLE[1:], *_STRINGS):
+        for name in NUMBERS[1:]:
             value = checks.as_floats(getattr(self, name), name)
             if value.shape not in ((), (count,)):
                 raise ValueError(f"{name}: expected shape [] or [{count}], got {value.shape}")
@@ -239,6 +241,12 @@ class LineSection:
     def span_lengths(self) -> Float[Array, " n_span"]:
         """Differences of stations, [n_span], m."""
         return jnp.diff(jnp.asarray(self.station))
+
+    @property
+    def never_loaded(self) -> Float[Array, "n_span n_layer"]:
+        """Permanent strains of a conductor that has never been loaded, [n_span, n_layer]."""
+        shape = len(self.layout.spans), len(self.conductor.layers)
+        return jnp.asarray(np.full(shape, NO_SET))
 
     def chord_lengths(self) -> Float[Array, " n_span"]:
         """Return the distances of the ends of spans while strings hang as drawn, [n_span], m."""

@@ -24,7 +24,8 @@ STRING_DRAG = 1.2
 
 _THICKEST = 0.3  # ice, m, beyond which it is most likely in millimeters
 
-_NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
+NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
+"""Fields of a state that have one number."""
 
 
 def _span_index(value):
@@ -75,7 +76,7 @@ class LineState:
     broken: int | None = None
 
     def __post_init__(self):
-        numbers = {name: checks.as_scalar(getattr(self, name), name) for name in _NUMBERS}
+        numbers = {name: checks.as_scalar(getattr(self, name), name) for name in NUMBERS}
         ice = checks.as_floats(self.ice, "ice")
         if ice.ndim > 1:
             raise ValueError(f"ice: expected shape [] or [n_span], got {ice.shape}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -103,7 +104,7 @@ def _span_rows(section, names, *values):
 
     `values` are arrays [n_state, n_span]; infinite ones become None.
     """
-    spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+    spans = [f"{a}-{b}" for a, b in itertools.pairwise(section.names)]
     every = [np.asarray(x, float).tolist() for x in values]
     return [
         [name, span, *(None if x[k][j] == np.inf else x[k][j] for x in every)]
@@ -114,16 +115,13 @@ def _span_rows(section, names, *values):
 
 def _tower_table(section):
     """Return the table of towers, as they are given."""
-    names = ("station", "ground", "height", "offset", "string_length", "string_weight")
-    units = ("m", "m", "m", "m", "m", "N")
-    columns = [Column("tower", "", list(section.names)), Column("kind", "", list(section.kinds))]
-    columns += [
-        Column(name.replace("_", " "), unit, np.asarray(getattr(section, name), float))
-        for name, unit in zip(names, units, strict=True)
-    ]
-    columns.append(Column("angle", "deg", np.asarray(section.angle, float)))
+    names = "station", "ground", "height", "offset", "string_length", "string_weight", "angle"
+    units = "m", "m", "m", "m", "m", "N", "deg"
+    numbers = (np.asarray(getattr(section, name), float).tolist() for name in names)
+    rows = [*zip(section.names, section.kinds, *numbers, strict=True)]
+    heads = ((name.replace("_", " "), unit) for name, unit in zip(names, units, strict=True))
     notes = (f"conductor {section.conductor.name}: {section.conductor.source}",)
-    return make_table("Towers", columns, notes)
+    return make_table("Towers", columns_of_rows(rows, "tower", "kind", *heads), notes)
 
 
 def _state_table(states):
@@ -223,17 +221,15 @@ def sag_tension_table(found: SagTension) -> Table:
         >>> jc.lines.sag_tension_table(found).columns[:4]
         ('state', 'load', 'sag', 'tension')
     """
-    heads: list[tuple[str, ...] | str] = ["state", ("load", "N/m", "resultant load")]
-    columns = []
+    columns = [
+        Column("state", "", found.names),
+        Column("load", "N/m", np.asarray(found.load), "resultant load"),
+    ]
     every = np.stack([found.sag, found.tension], axis=-1)  # state, condition, sag or tension
     for method, values in (("", every), ("parabola", found.parabola), ("catenary", found.catenary)):
         for k, condition in enumerate(("initial", "final")):
             for j, (name, unit) in enumerate((("sag", "m"), ("tension", "N"))):
-                heads.append((name, unit, f"{name} {condition} {method}".strip()))
-                columns.append(np.asarray(values)[:, k, j])
-    rows = [
-        [name, float(found.load[k]), *(float(column[k]) for column in columns)]
-        for k, name in enumerate(found.names)
-    ]
+                heading = f"{name} {condition} {method}".strip()
+                columns.append(Column(name, unit, np.asarray(values)[:, k, j], heading))
     note = f"governed by the limit of {found.governing!r}; without method: exact elastic catenary"
-    return make_table("Sags and tensions", columns_of_rows(rows, *heads), (note,))  # type: ignore[arg-type]
+    return make_table("Sags and tensions", columns, (note,))

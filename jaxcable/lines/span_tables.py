@@ -15,12 +15,12 @@ from ..catalogue.conductors import Conductor
 from ..common import checks
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
 from .conductor_law import ConductorLaw
 from .line_analysis import LineResults, analyse, stretch
 from .line_section import LineSection
 from .line_states import LineState
-from .span_law import never_loaded, stack
 from .stringing import Stringing
 
 TENSIONS = "support", "mean", "horizontal"
@@ -165,7 +165,7 @@ class _OneSpan(NamedTuple):
         """
         section, own = self.section, {name: self.states[name] for name in names}
         strung = Stringing(np.full(1, length), np.zeros(1), 0.0, np.zeros((), int), np.zeros(()))
-        left = never_loaded(section)
+        left = section.never_loaded
         before = analyse(section, strung, own, stretched=True)
         if not final:
             return before, before, left
@@ -182,9 +182,9 @@ class _OneSpan(NamedTuple):
         They have the level tension of the governing state in its `condition`.
         """
         section, at = self.section, list(self.states).index(governing)
-        loads, warmth, _ = _stated_loads(section, stack(list(self.states.values())))
+        loads, warmth, _ = _stated_loads(section, stack_trees(list(self.states.values())))
         loads = loads[:, 0]
-        permanent = {"initial": never_loaded(section)[0], "final": left[0]}
+        permanent = {"initial": section.never_loaded[0], "final": left[0]}
         level = _level_tension(both[int(condition == "final")])[at]
         anchor = loads[at], warmth[at], permanent[condition]
         given = section.conductor, section.span_lengths[0], level, anchor, loads, warmth
@@ -350,8 +350,8 @@ def ruling_span(
         copy_with(s, ice=np.max(np.asarray(s.ice)), condition="initial")
         for s in (LineState(strung.temperature), *(every[k] for k in even))
     ]
-    loads, warmth, chords = (np.asarray(x) for x in _stated_loads(section, stack(plain)))
-    virgin = np.asarray(never_loaded(section))
+    loads, warmth, chords = (np.asarray(x) for x in _stated_loads(section, stack_trees(plain)))
+    virgin = np.asarray(section.never_loaded)
     left = virgin if permanent is None else np.asarray(permanent)
     final = np.array([[every[k].condition == "final"] for k in even])
     for spans, length in zip(own.tension_sections, section.ruling_spans(), strict=True):

@@ -17,13 +17,13 @@ from ..elements import SlidingCatenaries
 from ..loads import SelfWeight
 from ..model.structure import Structure
 from ..model.supports import pinned
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
 from ..results import horizontal_tensions, sags
-from .conductor_law import ConductorLaw
+from .conductor_law import ConductorLaw, mean_tension
 from .line_analysis import LineResults, analyse
 from .line_section import LineSection
 from .line_states import LineState
-from .span_law import mean_tension, never_loaded, stack
 
 _SAG_ROUNDS = 8  # of the tension that gives a sag; Newton's method needs two or three
 _AGREED = 1e-6  # relative step of this tension after which one more is exact
@@ -141,7 +141,7 @@ def _string(section, stated):
 
 def _hang(section, stated, level):
     """Return structure, solution and strains without tension of a section with a tension, N."""
-    law = ConductorLaw(section.conductor, stated.temperature, never_loaded(section))
+    law = ConductorLaw(section.conductor, stated.temperature, section.never_loaded)
     strain = law.strain(level)
     tensions = {"conductor": jnp.broadcast_to(level, strain.shape)}
     for _ in range(_ROUNDS):
@@ -268,7 +268,7 @@ def pulleys(
         _on_pulleys(section, strung, jax.tree.map(lambda x, k=k: x[k], clamped))
         for k in range(len(values))
     ]
-    return copy_with(stack(found), clamped=clamped)
+    return copy_with(jax.tree.map(jnp.asarray, stack_trees(found)), clamped=clamped)
 
 
 @as_program
