@@ -42,7 +42,8 @@ def _layer_stress(layer: Layer, strain, permanent, creeps):
     if layer.creep is not None:
         both = [jnp.asarray(x) for x in (layer.creep, layer.initial)]
         size = max(map(len, both))
-        coefficients = jnp.where(creeps, *(jnp.pad(x, (0, size - len(x))) for x in both))
+        creep, initial = (jnp.pad(x, (0, size - len(x))) for x in both)
+        coefficients = jnp.where(creeps, creep, initial)
     first = _curve_stress(coefficients, strain, layer.limit)
     return jnp.minimum(first, layer.modulus * (strain - permanent))
 

@@ -154,18 +154,11 @@ def analyse(
             raise ValueError(f"states[{name!r}]: is final; give permanent=stretch(...)")
         if state.broken is not None and not 0 <= state.broken < count:
             raise ValueError(f"states[{name!r}].broken = {state.broken}: there are {count} spans")
-    cases = {
-        name: _case_of(
-            *(state, permanent if state.condition == "final" else section.never_loaded),
-            *(stretched, count),
-        )
-        for name, state in states.items()
-    }
     found: dict[str, LineResults] = {}
     for broken in dict.fromkeys(state.broken for state in states.values()):
         own = [name for name, state in states.items() if state.broken == broken]
-        each = _analyse_each(section, strung.length, [cases[name] for name in own])
-        found |= zip(own, each, strict=True)
+        cases = [_case_of(section, states[name], permanent, stretched) for name in own]
+        found |= zip(own, _analyse_each(section, strung.length, cases), strict=True)
     every = jax.tree.map(jnp.asarray, stack_trees([found[name] for name in states]))
     return copy_with(every, names=tuple(states))
 
@@ -180,12 +173,13 @@ class _Case:
     stretched: bool
 
 
-def _case_of(state, permanent, stretched, count):
+def _case_of(section, state, permanent, stretched):
     """Return the `_Case` of a state with ice of each span, in floats, of NumPy where known."""
-    ice = checks.numpy_or_jax(state.ice).broadcast_to(state.ice, (count,))
+    shape, kind = (len(section.layout.spans),), jnp.result_type(float)
+    ice = checks.numpy_or_jax(state.ice).broadcast_to(state.ice, shape)
     plain = copy_with(state, condition="initial", ice=ice)
-    case = _Case(plain, permanent, float(state.condition == "creep"), stretched)
-    kind = jnp.result_type(float)
+    before = permanent if state.condition == "final" else section.never_loaded
+    case = _Case(plain, before, float(state.condition == "creep"), stretched)
     return jax.tree.map(lambda x: checks.numpy_or_jax(x).asarray(x, dtype=kind), case)
 
 
@@ -370,6 +364,7 @@ def _attachments(section, state, solution, pulls):
 
 def _string_wind(section, state, axis, at):
     """Return the force of the wind on strings along unit vectors at towers, [n_string, 3], N."""
-    across = state.blows - jnp.sum(state.blows * axis, axis=1, keepdims=True) * axis
+    blows = state.blows[None]
+    across = blows - jnp.sum(blows * axis, axis=1, keepdims=True) * axis
     size = jnp.sqrt(jnp.sum(across**2, axis=1, keepdims=True))
     return STRING_DRAG * state.wind * jnp.asarray(section.string_area)[at, None] * size * across

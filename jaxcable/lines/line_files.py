@@ -40,6 +40,7 @@ _STATES = dict(zip(line_states.NUMBERS, _COLUMNS["states"][4:-1], strict=True))
 """Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
 _NEEDED = _COLUMNS | {"towers": _COLUMNS["towers"][:5], "states": ("state",)}
 _ROLES = "stretches", "creeps"
+_TEMPERATURES = 0.0, 15.0, 30.0  # of a stringing chart, degrees C
 _STRINGING = {
     **{"parameter_m": "parameter", "tension_n": "horizontal_tension", "sag_m": "sag"},
     **{"span": "span", "temperature_c": "temperature"},
@@ -71,7 +72,7 @@ class Line(NamedTuple):
     states: dict[str, LineState]
     loads: tuple[str, ...] = ()
     creep: str | None = None
-    temperatures: tuple[float, ...] = (0.0, 15.0, 30.0)
+    temperatures: tuple[float, ...] = _TEMPERATURES
 
 
 def load_line(
@@ -135,12 +136,12 @@ def load_line(
         raise FileError(f"{path}: conductor: name one of the catalogue, such as Drake")
     rows = {key: _rows(file, key) for key, file in files.items()}
     section = _section_of_rows(rows, name, files["crossings"])
-    found = _states_of_rows(rows["states"], len(section.layout.spans))
+    found, loads, creep = _states_of_rows(rows["states"], len(section.layout.spans))
     for argument in stringing or ():
         checks.require_one_of(argument, "stringing", tuple(_STRINGING.values()))
     strung = _stringing_of(head, path) if stringing is None else dict(stringing)
-    temperatures = head.get("temperatures_C", Line._field_defaults["temperatures"])
-    return Line(section, strung, *found, tuple(map(float, temperatures)))
+    temperatures = tuple(map(float, head.get("temperatures_C", _TEMPERATURES)))
+    return Line(section, strung, found, loads, creep, temperatures)
 
 
 def _rows(path, key):
@@ -184,47 +185,45 @@ def _section_of_rows(rows, name, crossings_file):
 
 
 def _state_of_row(row, count):
-    """Return the `LineState` of a row of the table of states, of a line of `count` spans."""
+    """Return the `LineState` of a row of the table of states; ValueError if it has none."""
     broken = None
     if row.text("broken_span"):
         broken = row.number("broken_span")
         if broken not in range(1, count + 1):
             text = f"expected a whole number from 1 to {count}, the number of spans"
-            raise FileError(f"{row.place}: broken_span = {broken:g}: {text}")
+            raise ValueError(f"broken_span = {broken:g}: {text}")
         broken -= 1
     try:
         ice = [1e-3 * float(word) for word in row.text("ice_mm").split()] or [0.0]
     except ValueError:
-        raise FileError(f"{row.place}: ice_mm: expected numbers, one or one a span") from None
+        raise ValueError("ice_mm: expected numbers, one or one a span") from None
     if len(ice) not in (1, count):
-        raise FileError(f"{row.place}: ice_mm: {len(ice)} numbers, for {count} spans")
+        raise ValueError(f"ice_mm: {len(ice)} numbers, for {count} spans")
     numbers = {f: row.number(c, float(getattr(LineState(), f))) for f, c in _STATES.items()}
-    given = {"condition": row.text("condition") or "initial", "broken": broken, **numbers}
-    try:
-        return LineState(ice=ice[0] if len(ice) == 1 else ice, **given)
-    except ValueError as error:
-        raise FileError(f"{row.place}: {error}") from None
+    condition = row.text("condition") or "initial"
+    ice = ice[0] if len(ice) == 1 else ice
+    return LineState(ice=ice, condition=condition, broken=broken, **numbers)
 
 
 def _states_of_rows(rows, count):
-    """Return the states of a table by name, the names of those that stretch, and that of creep."""
+    """Return the states of a table by name, the names of those that stretch, and that of creep.
+
+    `count` is the number of spans.
+    """
     found, loads, creep = {}, [], None
     for row in rows:
         name, role = row.text("state"), row.text("role")
-        for is_wrong, text in (
-            (name in found, f"state {name!r} occurs twice; give it another name"),
-            (
-                not set(role.split()) <= set(_ROLES),
-                f"role {role!r}: expected {', '.join(_ROLES)}, both or none",
-            ),
-            (
-                "creeps" in role.split() and creep is not None,
-                f"role: state {creep!r} creeps already; only one state may",
-            ),
-        ):
-            if is_wrong:
-                raise FileError(f"{row.place}: {text}")
-        found[name] = _state_of_row(row, count)
+        try:
+            if name in found:
+                raise ValueError(f"state {name!r} occurs twice; give it another name")
+            if not set(role.split()) <= set(_ROLES):
+                raise ValueError(f"role {role!r}: expected {', '.join(_ROLES)}, both or none")
+            if "creeps" in role and creep is not None:
+                raise ValueError(f"role: state {creep!r} creeps already; only one state may")
+            found[name] = _state_of_row(row, count)
+        except ValueError as error:  # one of reading has the place
+            text = str(error).removeprefix(f"{row.place}: ")
+            raise FileError(f"{row.place}: {text}") from None
         loads += [name] if "stretches" in role else []
         creep = name if "creeps" in role else creep
     return found, tuple(loads), creep

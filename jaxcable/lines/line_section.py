@@ -337,16 +337,13 @@ class LineSection:
             weight: its weight per unstressed length in each span, [n_span], N/m.
         """
         own = self.layout
-        elements: dict[str, Bars | Catenaries] = {
-            "conductor": Catenaries(own.spans, axial_stiffness=stiffness, weight=weight)
-        }
+        conductor = Catenaries(own.spans, axial_stiffness=stiffness, weight=weight)
+        elements: dict[str, Bars | Catenaries] = {"conductor": conductor}
         if own.strings:
             at = np.array(own.towers)[np.array(own.strings)[:, 0]]
             length = jnp.asarray(self.string_length)[at]
+            heavy = jnp.asarray(self.string_weight)[at] / length
             elements["strings"] = Bars(
-                own.strings,
-                axial_stiffness=_STRING_STIFFNESS,
-                rest_length=length,
-                weight=jnp.asarray(self.string_weight)[at] / length,
+                own.strings, axial_stiffness=_STRING_STIFFNESS, rest_length=length, weight=heavy
             )
         return Structure(self.nodes(), elements, pinned(own.held))

@@ -99,18 +99,19 @@ def section_tables(
     return tables
 
 
-def _span_rows(section, names, *values):
-    """Return a row for each state and span: name of the state, "1-2" of the towers, the values.
+def _table_of_spans(title, section, names, heads, values, notes=()):
+    """Return a table with a row for each state and span: its name, "1-2" of the towers, values.
 
-    `values` are arrays [n_state, n_span]; infinite ones become None.
+    `heads` are as of `columns_of_rows`, `values` arrays [n_state, n_span]; infinite ones are none.
     """
     spans = [f"{a}-{b}" for a, b in itertools.pairwise(section.names)]
     every = [np.asarray(x, float).tolist() for x in values]
-    return [
+    rows = [
         [name, span, *(None if x[k][j] == np.inf else x[k][j] for x in every)]
         for k, name in enumerate(names)
         for j, span in enumerate(spans)
     ]
+    return make_table(title, columns_of_rows(rows, *heads), notes)
 
 
 def _tower_table(section):
@@ -143,14 +144,14 @@ def _span_table(section, results):
     """Return the table of tensions, sags and clearances of every state and span."""
     ends, near = np.asarray(results.tensions).max(axis=-1), results.crossings
     values = results.horizontal, ends, results.utilization, results.sag, results.clearance
-    rows = _span_rows(section, results.names, *values, *near.values())
+    values += tuple(near.values())
     heads = (
         *("state", "span", ("H", "N", "horizontal tension"), ("largest tension", "N")),
         *(("utilization", "-", "of rated strength"), ("sag", "m", "vertical sag at midspan")),
         ("clearance", "m", "above the ground"),
         *((name, "m", f"distance from {name}") for name in near),
     )
-    return make_table("Tensions, sags, clearances", columns_of_rows(rows, *heads))
+    return _table_of_spans("Tensions, sags, clearances", section, results.names, heads, values)
 
 
 def _stringing_table(section, pulleys):
@@ -158,13 +159,12 @@ def _stringing_table(section, pulleys):
     clamped = pulleys.clamped
     offsets = np.pad(pulleys.offsets, ((0, 0), (0, 1)), constant_values=np.nan)
     values = pulleys.horizontal, pulleys.sag, clamped.horizontal, clamped.sag, offsets
-    rows = _span_rows(section, clamped.names, *values)
     heads = (
         *("temperature", "span", ("H on pulleys", "N"), ("sag on pulleys", "m")),
         *(("H clamped", "N"), ("sag clamped", "m"), ("offset", "m", "forward at its second tower")),
     )
     note = "offset: by how much the conductor is moved forward over the pulley before it is clamped"
-    return make_table("Stringing chart", columns_of_rows(rows, *heads), (note,))
+    return _table_of_spans("Stringing chart", section, clamped.names, heads, values, (note,))
 
 
 def _swing_table(section, results):
@@ -196,13 +196,13 @@ def _load_table(section, results):
 def _ruling_table(section, results, ruling):
     """Return the table of the ruling span beside the exact answer."""
     values = results.horizontal, ruling.horizontal, results.sag, ruling.sag, ruling.sag_error
-    rows = _span_rows(section, results.names, *values)
     heads = (
         *("state", "span", ("H", "N", "H exact"), ("H ruling", "N", "H of the ruling span")),
         *(("sag", "m", "sag exact"), ("sag ruling", "m", "sag by the ruling span"), ("error", "m")),
     )
     spans = ", ".join(f"{x:.2f}" for x in section.ruling_spans())
-    return make_table("Ruling span", columns_of_rows(rows, *heads), (f"ruling spans: {spans} m",))
+    notes = (f"ruling spans: {spans} m",)
+    return _table_of_spans("Ruling span", section, results.names, heads, values, notes)
 
 
 def sag_tension_table(found: SagTension) -> Table:

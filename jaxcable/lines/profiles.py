@@ -138,12 +138,12 @@ def plot_profile(
     axes, count, lines = figure.add_subplot(), 0, profile_lines(section, results)
     for layer, own in lines.items():
         gray = {"ground": "0.55", "towers": "0.25", "strings": "0.25"}.get(layer)
-        look = {"color": gray or style.SERIES[count % len(style.SERIES)]}
+        look: dict[str, Any] = {"color": gray or style.SERIES[count % len(style.SERIES)]}
         look["linewidth"] = 2.0 if layer == "towers" else 1.2
         count += gray is None
         for k, points in enumerate(own):
             axes.plot(*points.T, label=layer if k == 0 and gray is None else None, **look)
-    above = {"xytext": (0, 3), "textcoords": "offset points", "ha": "center"}
+    above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points", "ha": "center"}
     for name, (_, top) in zip(section.names, lines["towers"], strict=True):
         axes.annotate(name, top, **above)
     axes.margins(y=0.12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -189,12 +190,14 @@ class _OneSpan(NamedTuple):
         anchor = loads[at], warmth[at], permanent[condition]
         given = section.conductor, section.span_lengths[0], level, anchor, loads, warmth
 
-        def table(method):
-            own = [jnp.tile(x, (len(warmth), 1)) for x in permanent.values()]
-            found = [_simple_spans(*given, x, _Method(method)) for x in own]
-            return jnp.stack(found, axis=1)[:, :, :2]
+        def table(is_parabola):
+            return [
+                _simple_spans(*given, own, is_parabola=is_parabola, stretched=True)[:, :2]
+                for own in (jnp.tile(x, (len(warmth), 1)) for x in permanent.values())
+            ]
 
-        return jnp.linalg.norm(loads, axis=1), table("parabola"), table("catenary")
+        both = (jnp.stack(table(is_parabola), axis=1) for is_parabola in (True, False))
+        return jnp.linalg.norm(loads, axis=1), *both
 
 
 @as_program
@@ -222,16 +225,10 @@ def _shown_tension(results, kind):
     return {"support": largest, "mean": 0.5 * (largest + level), "horizontal": level}[kind]
 
 
-@pytree(static=("name", "stretched"))
-class _Method:
-    """A simple method: "parabola" or "catenary", and whether loads count per stretched length."""
-
-    name: str
-    stretched: bool = True
-
-
-@as_program
-def _simple_spans(conductor, span, level, anchor, loads, warmth, permanent, method):
+@functools.partial(as_program, static=("is_parabola", "stretched"))
+def _simple_spans(
+    conductor, span, level, anchor, loads, warmth, permanent, *, is_parabola, stretched
+):
     """Return sag, mean and level tension, and load per length, of states of a level span, [n, 4].
 
     Args:
@@ -242,13 +239,15 @@ def _simple_spans(conductor, span, level, anchor, loads, warmth, permanent, meth
         loads: on the states, across and downwards, [n, 2], N/m.
         warmth: temperatures, [n], degrees C.
         permanent: permanent strains of the layers, [n, n_layer].
-        method: `_Method`. The mean tension is the horizontal one of a parabola.
+        is_parabola: whether the method is the parabola, of which the mean tension is the horizontal
+            one; else the catenary.
+        stretched: whether loads count per stretched length.
     """
 
     def shape(level, load):
         """Return length, sag and mean tension of the span under a level tension, and the load."""
         slope = 0.5 * load * span / level
-        if method.name == "parabola":
+        if is_parabola:
             return span * (1 + slope**2 / 6), 0.25 * slope * span, level, load
         sag = level / load * (jnp.cosh(slope) - 1)
         return 2 * level / load * jnp.sinh(slope), sag, level + 0.5 * load * sag, load
@@ -257,7 +256,7 @@ def _simple_spans(conductor, span, level, anchor, loads, warmth, permanent, meth
         """Return the same under the loads across and downwards, [..., 2]."""
         across, down = loads[..., 0], loads[..., 1]
         whole = jnp.hypot(across, down)
-        if not method.stretched:  # the mass stays, and the wind counts per length of the chord
+        if not stretched:  # the mass stays, and the wind counts per length of the chord
             length = shape(level, whole)[0]
             whole = jnp.hypot(across * span / length, down * unstressed / length)
         return shape(level, whole)
@@ -360,7 +359,8 @@ def ruling_span(
             *(section.conductor, length, strung.horizontal[spans[0]]),
             *((own_loads[0], warmth[0], virgin[0]), own_loads[1:], warmth[1:]),
             np.where(final, left[spans].mean(axis=0), virgin[0]),
-            _Method("catenary", stretched=False),
+            is_parabola=False,
+            stretched=False,
         )
         tension, whole = np.asarray(found)[:, 2:, None].swapaxes(0, 1)
         down = own_loads[1:, 1:] / np.linalg.norm(own_loads[1:], axis=1, keepdims=True)

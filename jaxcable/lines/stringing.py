@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -106,48 +108,33 @@ def string(
     refuse_if_broken([positive(name, value)])
     if not 0 <= span < len(section.layout.spans):
         raise ValueError(f"span = {span}: there are {len(section.layout.spans)} spans")
-    temperature = checks.as_scalar(temperature, "temperature")
-    return _string(section, _Stated(value, temperature, name, span, stretched))
+    at = checks.as_scalar(temperature, "temperature")
+    return _string(section, value, at, name=name, span=span, stretched=stretched)
 
 
-@pytree(static=("name", "span", "stretched"))
-class _Stated:
-    """What is stated of a stringing: the value of `name`, and the temperature."""
-
-    value: Float[ArrayLike, ""]
-    temperature: Float[ArrayLike, ""]
-    name: str
-    span: int
-    stretched: bool
-
-
-@as_program
-def _string(section, stated):
-    """Return the `Stringing` of a section; `stated` is a `_Stated`."""
-    level = jnp.asarray(stated.value)
-    if stated.name == "parameter":
+@functools.partial(as_program, static=("name", "span", "stretched"))
+def _string(section, value, temperature, *, name, span, stretched):
+    """Return the `Stringing` of a section; `name` says what `value` is, as `string` has it."""
+    level, data = jnp.asarray(value), (section, temperature, stretched)
+    if name == "parameter":
         level = level * section.conductor.weight
-    if stated.name == "sag":
-        level = _tension_of_sag(section, stated)
-    structure, hung, free = _hang(section, stated, level)
-    return Stringing(
-        hung.rest_length["conductor"] / (1 + free),
-        horizontal_tensions(structure, hung)["conductor"],
-        stated.temperature,
-        hung.status,
-        hung.positions,
-    )
+    if name == "sag":
+        level = _tension_of_sag(data, level, span)
+    structure, hung, free = _hang(*data, level)
+    length = hung.rest_length["conductor"] / (1 + free)
+    horizontal = horizontal_tensions(structure, hung)["conductor"]
+    return Stringing(length, horizontal, temperature, hung.status, hung.positions)
 
 
-def _hang(section, stated, level):
+def _hang(section, temperature, stretched, level):
     """Return structure, solution and strains without tension of a section with a tension, N."""
-    law = ConductorLaw(section.conductor, stated.temperature, section.never_loaded)
+    law = ConductorLaw(section.conductor, temperature, section.never_loaded)
     strain = law.strain(level)
     tensions = {"conductor": jnp.broadcast_to(level, strain.shape)}
     for _ in range(_ROUNDS):
         strain = lax.stop_gradient(strain)
         free, stiffness = law.tangent(strain)
-        heavier = 1 + strain if stated.stretched else 1.0
+        heavier = 1 + strain if stretched else 1.0
         weight = section.conductor.weight * heavier / (1 + free)
         structure = section.structure(stiffness * (1 + free), weight)
         hung = solve(structure, Phase(horizontal_tension=tensions, loads=SelfWeight()))
@@ -155,7 +142,7 @@ def _hang(section, stated, level):
     return structure, hung, free
 
 
-def _tension_of_sag(section, stated):
+def _tension_of_sag(data, sag, span):
     """Return the horizontal tension at which a span of the section has its stated sag, N.
 
     Newton's method for one over the sag, which is nearly proportional to the tension. Its last step
@@ -164,27 +151,25 @@ def _tension_of_sag(section, stated):
 
     def flatness(level, data):
         structure, hung, _ = _hang(*data, level)
-        return 1 / sags(structure, hung)["conductor"].midspan[stated.span]
-
-    def tangent(level):
-        return jax.jvp(lambda x: flatness(x, fixed), (level,), (jnp.ones_like(level),))
+        return 1 / sags(structure, hung)["conductor"].midspan[span]
 
     def goes_on(carry):
         return (carry[1] > _AGREED) & (carry[2] < _SAG_ROUNDS)
 
     def agree(carry):
-        value, slope = tangent(carry[0])
-        change = (1 / fixed[1].value - value) / slope
-        return carry[0] + change, jnp.abs(change / carry[0]), carry[2] + 1, slope
+        level, one = carry[0], jnp.ones_like(carry[0])
+        value, slope = jax.jvp(lambda x: flatness(x, fixed), (level,), (one,))
+        change = (1 / lax.stop_gradient(sag) - value) / slope
+        return level + change, jnp.abs(change / level), carry[2] + 1, slope
 
-    data = section, stated
-    fixed = lax.stop_gradient(data)
-    weight = fixed[0].conductor.weight * fixed[0].chord_lengths()[stated.span]
-    start = weight * fixed[0].span_lengths[stated.span] / (8 * fixed[1].value)  # a parabola
+    fixed = (*lax.stop_gradient(data[:2]), data[2])
+    section = fixed[0]
+    weight = section.conductor.weight * section.chord_lengths()[span]
+    start = weight * section.span_lengths[span] / (8 * lax.stop_gradient(sag))  # a parabola
     begun = start, jnp.ones_like(start), jnp.zeros((), int), jnp.ones_like(start)
     level, _, _, slope = lax.while_loop(goes_on, agree, begun)
     level, slope = lax.stop_gradient((level, slope))
-    return level + (1 / stated.value - flatness(level, data)) / slope
+    return level + (1 / sag - flatness(level, data)) / slope
 
 
 @pytree
