@@ -23,10 +23,11 @@ from ..common.selection import only
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..forms import catenary_curves
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
 from ..results import clearance_over_ground, distance_to_line, horizontal_tensions, sags
-from . import span_law
-from .line_section import LineSection
+from .conductor_law import ConductorLaw, mean_tension
+from .line_section import LineSection, unit
 from .line_states import STRING_DRAG, LineState
 
 _ROUNDS = 40  # of the law of the conductor; Newton's method needs three to six
@@ -153,35 +154,13 @@ def analyse(
             raise ValueError(f"states[{name!r}]: is final; give permanent=stretch(...)")
         if state.broken is not None and not 0 <= state.broken < count:
             raise ValueError(f"states[{name!r}].broken = {state.broken}: there are {count} spans")
-    found: dict[str, Any] = {}
-    virgin = span_law.never_loaded(section)
+    found: dict[str, LineResults] = {}
     for broken in dict.fromkeys(state.broken for state in states.values()):
-        own = {name: state for name, state in states.items() if state.broken == broken}
-        cases = [
-            _Case(
-                _as_plain(state, count),
-                permanent if state.condition == "final" else virgin,
-                float(state.condition == "creep"),
-                stretched,
-            )
-            for state in own.values()
-        ]
-        cases = [jax.tree.map(_as_float, case) for case in cases]
-        each = _analyse_each(section, strung.length, cases)
-        found |= zip(own, each, strict=True)
-    every = span_law.stack([found[name] for name in states])
+        own = [name for name, state in states.items() if state.broken == broken]
+        cases = [_case_of(section, states[name], permanent, stretched) for name in own]
+        found |= zip(own, _analyse_each(section, strung.length, cases), strict=True)
+    every = jax.tree.map(jnp.asarray, stack_trees([found[name] for name in states]))
     return copy_with(every, names=tuple(states))
-
-
-def _as_plain(state, count):
-    """Return a state as all states of a batch are: ice of each span, without a condition."""
-    xp = checks.numpy_or_jax(state.ice)
-    return copy_with(state, condition="initial", ice=xp.broadcast_to(state.ice, (count,)))
-
-
-def _as_float(x):
-    """Return a number or an array as floats, of NumPy where it is known."""
-    return checks.numpy_or_jax(x).asarray(x, dtype=jnp.result_type(float))
 
 
 @pytree(static=("stretched",))
@@ -194,6 +173,16 @@ class _Case:
     stretched: bool
 
 
+def _case_of(section, state, permanent, stretched):
+    """Return the `_Case` of a state with ice of each span, in floats, of NumPy where known."""
+    shape, kind = (len(section.layout.spans),), jnp.result_type(float)
+    ice = checks.numpy_or_jax(state.ice).broadcast_to(state.ice, shape)
+    plain = copy_with(state, condition="initial", ice=ice)
+    before = permanent if state.condition == "final" else section.never_loaded
+    case = _Case(plain, before, float(state.condition == "creep"), stretched)
+    return jax.tree.map(lambda x: checks.numpy_or_jax(x).asarray(x, dtype=kind), case)
+
+
 def _analyse_each(section, length, cases):
     """Return the `LineResults` of cases with one broken span, or none, a list.
 
@@ -201,11 +190,10 @@ def _analyse_each(section, length, cases):
     """
     known = [checks.array_if_known(x) for x in jax.tree.leaves((section, length, cases))]
     if len(cases) <= (_FEW if any(x is None for x in known) else _MANY):
-        return [_analyse_one(section, length, case) for case in cases]
-    stacked = span_law.stack(cases)
+        return [_analyse_case(section, length, case) for case in cases]
     count = len(cases)
     same = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *jnp.shape(x))), (section, length))
-    found = batched(lambda data, case: _analyse_case(*data, case))(same, stacked)
+    found = batched(lambda data, case: _analyse_case(*data, case))(same, stack_trees(cases))
     return [jax.tree.map(lambda x, k=k: x[k], found) for k in range(count)]
 
 
@@ -251,23 +239,14 @@ def stretch(
 
 
 @as_program
-def _analyse_one(section, length, case):
-    """Return the `LineResults` of one `_Case`; a program."""
-    return _analyse_case(section, length, case)
-
-
 def _analyse_case(section, length, case):
     """Return the `LineResults` of a `_Case`; `length` without stress in each span, [n_span], m."""
-    fixed = lax.stop_gradient((section, length, case))
-    state = case.state
 
     def solve_with(data, strain, rounds):
         section, length, case = data
         # at a corner of the law each branch has its equilibrium on the other one: choose one branch
         ahead = jnp.where(rounds < _USUAL_ROUNDS, 0.0, _AHEAD)
-        free, stiffness = span_law.tangent_of_spans(
-            section.conductor, strain, *_law_of(case), ahead=ahead
-        )
+        free, stiffness = _law_of(section, case).tangent(strain, ahead)
         rest, scale, wind_scale = length * (1 + free), 1.0, 1.0
         weight = section.conductor.weight / (1 + free)
         if case.stretched:  # loads per length of the stretched conductor
@@ -278,31 +257,30 @@ def _analyse_case(section, length, case):
         structure = section.structure(of_catenary, weight)
         loads = case.state.loads(section, scale, wind_scale)
         phases = [Phase(rest_length={"conductor": rest}, loads=loads)]
-        if state.broken is not None:
-            gone = {"conductor": only([state.broken])}
+        if broken is not None:
+            gone = {"conductor": only([broken])}
             phases.append(Phase(removes=gone, increments=_BREAKING_INCREMENTS))
         solution = solve(structure, phases)
-        tension = span_law.mean_tension(solution.element_results["end_pull"]["conductor"])
+        tension = mean_tension(solution.element_results["end_pull"]["conductor"])
         return structure, solution, free + tension / stiffness, tension, of_catenary
 
     def agree(carry):
         strain, _, rounds = carry
         _, _, new, tension, _ = solve_with(fixed, strain, rounds)
-        own = span_law.tensions_at(fixed[0].conductor, new, *_law_of(fixed[2]))
-        error = jnp.abs(own - tension) / jnp.maximum(jnp.abs(tension), 1.0)
-        if state.broken is not None:
-            there = np.arange(len(new)) != state.broken
+        error = jnp.abs(law.tension(new) - tension) / jnp.maximum(jnp.abs(tension), 1.0)
+        if broken is not None:
+            there = np.arange(len(new)) != broken
             new, error = jnp.where(there, new, strain), jnp.where(there, error, 0.0)
         return new, jnp.max(error), rounds + 1
 
     def goes_on(carry):
         return (carry[1] > _AGREED) & (carry[2] < _ROUNDS)
 
-    usual = _USUAL * fixed[0].conductor.strength
-    start = span_law.strains_at(fixed[0].conductor, usual, *_law_of(fixed[2]))
-    begun = start, jnp.ones(()), jnp.zeros((), int)
+    data, broken = (section, length, case), case.state.broken
+    fixed = lax.stop_gradient(data)
+    law = _law_of(fixed[0], fixed[2])
+    begun = law.strain(_USUAL * fixed[0].conductor.strength), jnp.ones(()), jnp.zeros((), int)
     strain, error, rounds = lax.while_loop(goes_on, agree, begun)
-    data = section, length, case
     structure, solution, strain, _, stiffness = solve_with(data, strain, rounds - 1)
     agreed = error < 1e-8
     code = jnp.where(agreed, solution.status, status.NOT_CONVERGED)
@@ -311,9 +289,9 @@ def _analyse_case(section, length, case):
     return copy_with(jax.tree.map(lambda x: x * factor, found), status=code)
 
 
-def _law_of(case):
-    """Return what the law of a conductor needs of a `_Case` beside the strain."""
-    return case.state.temperature, case.permanent, case.creeps > 0
+def _law_of(section, case):
+    """Return the `ConductorLaw` of a section in a `_Case`."""
+    return ConductorLaw(section.conductor, case.state.temperature, case.permanent, case.creeps > 0)
 
 
 def _results_of(section, case, structure, solution, strain, stiffness):
@@ -332,13 +310,13 @@ def _results_of(section, case, structure, solution, strain, stiffness):
         status=solution.status,
         positions=solution.positions,
         tensions=ends,
-        mean_tension=span_law.mean_tension(pulls),
+        mean_tension=mean_tension(pulls),
         horizontal=horizontal_tensions(structure, solution)["conductor"],
         sag=sag.midspan,
         deflection=sag.deflection,
         lowest=sag.lowest,
         strain=strain,
-        permanent=span_law.permanent_of_spans(section.conductor, strain, *_law_of(case)),
+        permanent=_law_of(section, case).permanent_after(strain),
         rest_length=solution.rest_length["conductor"],
         stiffness=stiffness,
         span_load=jnp.sum(pulls, axis=1),
@@ -359,24 +337,23 @@ def _attachments(section, state, solution, pulls):
     what acts on the clamp, and the weight and the wind of the string.
     """
     own, every = section.layout, section.layout.attachments
-    tower = np.array([one.tower for one in every])
+    tower, count = np.array([one.tower for one in every]), len(own.spans)
+    begins = [k for k, one in enumerate(every) if one.side != "back"][:count]
+    ends = [k for k, one in enumerate(every) if one.side != "ahead"][-count:]
     pulls = jnp.where(jnp.isnan(pulls), 0.0, pulls)  # of a broken span
-    force = jnp.zeros((len(every), 3))
-    for k, nodes in enumerate(own.spans):
-        for end, side in ((0, "back"), (1, "ahead")):
-            (a,) = (j for j, x in enumerate(every) if x.clamp == nodes[end] and x.side != side)
-            force = force.at[a].add(pulls[k, end])
+    force = jnp.zeros((len(every), 3)).at[np.array(begins)].add(pulls[:, 0])
+    force = force.at[np.array(ends)].add(pulls[:, 1])
     along = jnp.pad(section.bisectors()[tower], ((0, 0), (0, 1)))
     left = jnp.stack([-along[:, 1], along[:, 0], jnp.zeros(len(every))], axis=1)
     swing = jnp.full((len(every), 2), jnp.nan)
-    hung = np.array([k for k, one in enumerate(every) if one.string is not None], int)
-    if len(hung):
-        ends = np.array(own.strings)
-        at = tower[hung]
+    if own.strings:
+        hung = np.array([k for k, one in enumerate(every) if one.string is not None])
+        first, last = np.array(own.strings).T
+        at, drawn = tower[hung], section.nodes()
         weight = jnp.asarray(section.string_weight)[at, None] * jnp.asarray([[0.0, 0.0, 1.0]])
-        drawn = section.nodes()
-        force = force.at[hung].add(_string_wind(section, state, drawn, ends, at) - weight)
-        drop = solution.positions[ends[:, 1]] - solution.positions[ends[:, 0]]
+        wind = _string_wind(section, state, unit(drawn[last] - drawn[first]), at)
+        force = force.at[hung].add(wind - weight)
+        drop = solution.positions[last] - solution.positions[first]
         both = jnp.stack([jnp.sum(drop * left[hung], 1), jnp.sum(drop * along[hung], 1)], axis=1)
         angles = jnp.degrees(jnp.arctan2(both, -drop[:, 2:]))
         plumb = np.array([section.kinds[k] == "suspension" for k in at])
@@ -385,12 +362,9 @@ def _attachments(section, state, solution, pulls):
     return jnp.stack(parts, axis=1), swing
 
 
-def _string_wind(section, state, nodes, ends, at):
-    """Return the force of the wind on each string as drawn, [n_string, 3], N."""
-    angle = jnp.radians(jnp.asarray(state.wind_direction))
-    blows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])[None]
-    axis = nodes[ends[:, 1]] - nodes[ends[:, 0]]
-    axis = axis / jnp.sqrt(jnp.sum(axis**2, axis=1, keepdims=True))
+def _string_wind(section, state, axis, at):
+    """Return the force of the wind on strings along unit vectors at towers, [n_string, 3], N."""
+    blows = state.blows[None]
     across = blows - jnp.sum(blows * axis, axis=1, keepdims=True) * axis
     size = jnp.sqrt(jnp.sum(across**2, axis=1, keepdims=True))
     return STRING_DRAG * state.wind * jnp.asarray(section.string_area)[at, None] * size * across

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping
 from os import PathLike
@@ -16,33 +17,35 @@ from ..catalogue.tables import read_rows
 from ..common import checks
 from ..common.writing import atomic_write
 from ..files.reading import FileError, read_json
+from . import line_section, line_states
 from .line_section import KINDS, LineSection
-from .line_states import CONDITIONS, LineState
+from .line_states import LineState
 
-_TOWERS = {
-    "station": "station_m",
-    "ground": "ground_m",
-    "height": "height_m",
-    "offset": "offset_m",
-    "angle": "angle_deg",
-    "string_length": "string_length_m",
-    "string_weight": "string_weight_n",
-    "string_area": "string_area_m2",
+_COLUMNS = {
+    "towers": (
+        *("tower", "kind", "station_m", "ground_m", "height_m", "offset_m", "angle_deg"),
+        *("string_length_m", "string_weight_n", "string_area_m2"),
+    ),
+    "states": (
+        *("state", "condition", "role", "ice_mm", "temperature_c", "wind_pa", "wind_direction_deg"),
+        *("drag", "extra_n_per_m", "ice_density_kg_per_m3", "broken_span"),
+    ),
+    "ground": ("station_m", "elevation_m"),
+    "crossings": ("crossing", "station_m", "offset_m", "elevation_m"),
 }
+"""Columns of the tables of a line."""
+_TOWERS = dict(zip(line_section.NUMBERS, _COLUMNS["towers"][2:], strict=True))
 """Columns of tables of towers by fields of `LineSection`; from `offset` on they may be left out."""
-_STATES = {
-    "temperature": "temperature_c",
-    "wind": "wind_pa",
-    "wind_direction": "wind_direction_deg",
-    "drag": "drag",
-    "extra": "extra_n_per_m",
-    "ice_density": "ice_density_kg_per_m3",
-}
+_STATES = dict(zip(line_states.NUMBERS, _COLUMNS["states"][4:-1], strict=True))
 """Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
+_NEEDED = _COLUMNS | {"towers": _COLUMNS["towers"][:5], "states": ("state",)}
 _ROLES = "stretches", "creeps"
-_STRINGING = {"parameter_m": "parameter", "tension_n": "horizontal_tension", "sag_m": "sag"}
-_KINDS_OF_FILES = "towers", "states", "ground", "crossings"
-_NEEDED_TOWERS = ("tower", "kind", "station_m", "ground_m", "height_m")
+_TEMPERATURES = 0.0, 15.0, 30.0  # of a stringing chart, degrees C
+_STRINGING = {
+    **{"parameter_m": "parameter", "tension_n": "horizontal_tension", "sag_m": "sag"},
+    **{"span": "span", "temperature_c": "temperature"},
+}
+"""Keys in files, in lower case, by which arguments of `string` are stated."""
 
 
 class Line(NamedTuple):
@@ -69,7 +72,7 @@ class Line(NamedTuple):
     states: dict[str, LineState]
     loads: tuple[str, ...] = ()
     creep: str | None = None
-    temperatures: tuple[float, ...] = (0.0, 15.0, 30.0)
+    temperatures: tuple[float, ...] = _TEMPERATURES
 
 
 def load_line(
@@ -122,151 +125,123 @@ def load_line(
         >>> print(line.section.names, line.section.conductor.name)
         ('1', '2') Drake
     """
-    path, whole = Path(path), path
-    others = {"states": states, "ground": ground, "crossings": crossings}
+    path = Path(path)
+    files = {"towers": path, "states": states, "ground": ground, "crossings": crossings}
     head: dict[str, Any] = {}
     if path.suffix.lower() == ".json":
         head = read_json(path)
-        others = {name: whole if name in head else None for name in others}
+        files = {key: path if key in {"towers", *head} else None for key in files}
     name = conductor_name or head.get("conductor")
     if not isinstance(name, str):
         raise FileError(f"{path}: conductor: name one of the catalogue, such as Drake")
-    ground_rows = _rows(others["ground"], "ground", ("station_m", "elevation_m"))
-    columns = ("crossing", "station_m", "offset_m", "elevation_m")
-    crossed: dict[str, list[list[float]]] = {}
-    for row in _rows(others["crossings"], "crossings", columns):
-        crossed.setdefault(row.text("crossing"), []).append([row.number(c) for c in columns[1:]])
-    for crossing, points in crossed.items():
-        if len(points) < 2:
-            text = f"crossing {crossing!r}: has one point; give two or more"
-            raise FileError(f"{others['crossings']}: {text}")
-    profile = [[row.number("station_m"), row.number("elevation_m")] for row in ground_rows]
-    for k in range(1, len(profile)):
-        if profile[k][0] <= profile[k - 1][0]:
-            raise FileError(
-                f"{ground_rows[k].place}: station_m = {profile[k][0]:g}: must be more than that of "
-                "the point before (a step in the ground: two stations 0.01 m apart)"
-            )
-    section = _section_of_rows(path, name, profile or None, crossed)
-    state_rows = _rows(others["states"], "states", ("state",))
-    found = _states_of_rows(state_rows, len(section.layout.spans))
-    strung = _known_stringing(stringing) if stringing is not None else _stringing_of(head, path)
-    line = Line(section, strung, *found)
-    if "temperatures_C" in head:
-        line = line._replace(temperatures=tuple(map(float, head["temperatures_C"])))
-    return line
+    rows = {key: _rows(file, key) for key, file in files.items()}
+    section = _section_of_rows(rows, name, files["crossings"])
+    found, loads, creep = _states_of_rows(rows["states"], len(section.layout.spans))
+    for argument in stringing or ():
+        checks.require_one_of(argument, "stringing", tuple(_STRINGING.values()))
+    strung = _stringing_of(head, path) if stringing is None else dict(stringing)
+    temperatures = tuple(map(float, head.get("temperatures_C", _TEMPERATURES)))
+    return Line(section, strung, found, loads, creep, temperatures)
 
 
-def _rows(path, key, needed):
+def _rows(path, key):
     """Return the rows of a table of a kind, of a CSV or JSON file; none without a path."""
-    if path is None:
-        return []
-    columns = {
-        "towers": (*_NEEDED_TOWERS[:2], *_TOWERS.values()),
-        "states": ("state", "ice_mm", "condition", "broken_span", "role", *_STATES.values()),
-        "ground": needed,
-        "crossings": needed,
-    }[key]
     try:
-        return read_rows(path, columns, needed, key)
+        return [] if path is None else read_rows(path, _COLUMNS[key], _NEEDED[key], key)
     except FileError as error:  # may have the path twice: from the line, and from the whole file
         text = str(error).removeprefix(f"{path}: ")
-        raise FileError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from None
+        raise FileError(f"{path}: {text.removeprefix(f'{path}: ')}") from None
 
 
-def _section_of_rows(path, name, profile, crossings):
-    """Return the `LineSection` of a table of towers."""
-    rows = _rows(path, "towers", _NEEDED_TOWERS)
-    for row in rows:
+def _section_of_rows(rows, name, crossings_file):
+    """Return the `LineSection` of the rows of all tables, with the conductor of this name."""
+    profile = [[row.number(column) for column in _COLUMNS["ground"]] for row in rows["ground"]]
+    for row, (before, here) in zip(rows["ground"][1:], itertools.pairwise(profile), strict=True):
+        if here[0] <= before[0]:
+            raise FileError(
+                f"{row.place}: station_m = {here[0]:g}: must be more than that of the point "
+                "before (a step in the ground: two stations 0.01 m apart)"
+            )
+    crossings: dict[str, list[list[float]]] = {}
+    for row in rows["crossings"]:
+        point = [row.number(column) for column in _COLUMNS["crossings"][1:]]
+        crossings.setdefault(row.text("crossing"), []).append(point)
+    for crossing, points in crossings.items():
+        if len(points) < 2:
+            text = f"crossing {crossing!r}: has one point; give two or more"
+            raise FileError(f"{crossings_file}: {text}")
+    for row in rows["towers"]:
         if row.text("kind") not in KINDS:
             raise FileError(f"{row.place}: kind: expected one of {', '.join(KINDS)}")
-    table = {
-        field: [row.number(column, None if column in _NEEDED_TOWERS else 0.0) for row in rows]
-        for field, column in _TOWERS.items()
-    }
+    absent = {column: None if column in _NEEDED["towers"] else 0.0 for column in _TOWERS.values()}
     return LineSection(
         conductor(name),
-        kinds=[row.text("kind") for row in rows],
-        names=[row.text("tower") for row in rows],
-        profile=profile,
+        kinds=[row.text("kind") for row in rows["towers"]],
+        names=[row.text("tower") for row in rows["towers"]],
+        profile=profile or None,
         crossings=crossings,
-        **table,
+        **{f: [row.number(c, absent[c]) for row in rows["towers"]] for f, c in _TOWERS.items()},
     )
 
 
-def _broken_span(row, count):
-    """Return the index, from 0, of the broken span in a row of the table of states, or None."""
-    if not row.text("broken_span"):
-        return None
-    number = row.number("broken_span")
-    if number % 1 != 0 or not 1 <= number <= count:
-        text = f"expected a whole number from 1 to {count}, the number of spans"
-        raise FileError(f"{row.place}: broken_span = {number:g}: {text}")
-    return int(number) - 1
+def _state_of_row(row, count):
+    """Return the `LineState` of a row of the table of states; ValueError if it has none."""
+    broken = None
+    if row.text("broken_span"):
+        broken = row.number("broken_span")
+        if broken not in range(1, count + 1):
+            text = f"expected a whole number from 1 to {count}, the number of spans"
+            raise ValueError(f"broken_span = {broken:g}: {text}")
+        broken -= 1
+    try:
+        ice = [1e-3 * float(word) for word in row.text("ice_mm").split()] or [0.0]
+    except ValueError:
+        raise ValueError("ice_mm: expected numbers, one or one a span") from None
+    if len(ice) not in (1, count):
+        raise ValueError(f"ice_mm: {len(ice)} numbers, for {count} spans")
+    numbers = {f: row.number(c, float(getattr(LineState(), f))) for f, c in _STATES.items()}
+    condition = row.text("condition") or "initial"
+    ice = ice[0] if len(ice) == 1 else ice
+    return LineState(ice=ice, condition=condition, broken=broken, **numbers)
 
 
 def _states_of_rows(rows, count):
-    """Return the states of a table by name, the names of those that stretch, and that of creep."""
-    usual, found, roles = LineState(), {}, {role: [] for role in _ROLES}
+    """Return the states of a table by name, the names of those that stretch, and that of creep.
+
+    `count` is the number of spans.
+    """
+    found, loads, creep = {}, [], None
     for row in rows:
         name, role = row.text("state"), row.text("role")
-        if name in found:
-            raise FileError(f"{row.place}: state {name!r} occurs twice; give it another name")
-        if not set(role.split()) <= set(_ROLES):
-            raise FileError(
-                f"{row.place}: role {role!r}: expected {', '.join(_ROLES)}, both or none"
-            )
-        if "creeps" in role.split() and roles["creeps"]:
-            first = roles["creeps"][0]
-            raise FileError(
-                f"{row.place}: role: state {first!r} creeps already; only one state may"
-            )
-        if (condition := row.text("condition") or "initial") not in CONDITIONS:
-            raise FileError(f"{row.place}: condition: expected one of {', '.join(CONDITIONS)}")
         try:
-            ice = [1e-3 * float(word) for word in row.text("ice_mm").split()] or [0.0]
-        except ValueError:
-            raise FileError(f"{row.place}: ice_mm: expected numbers, one or one a span") from None
-        if len(ice) not in (1, count):
-            raise FileError(f"{row.place}: ice_mm: {len(ice)} numbers, for {count} spans")
-        numbers = {
-            field: row.number(column, float(getattr(usual, field)))
-            for field, column in _STATES.items()
-        }
-        broken = _broken_span(row, count)
-        try:
-            found[name] = LineState(
-                ice=ice[0] if len(ice) == 1 else ice, condition=condition, broken=broken, **numbers
-            )
-        except ValueError as error:
-            raise FileError(f"{row.place}: {error}") from None
-        for one in set(role.split()):
-            roles[one].append(name)
-    creep = roles["creeps"][0] if roles["creeps"] else None
-    return found, tuple(roles["stretches"]), creep
-
-
-def _known_stringing(stringing):
-    """Return the arguments of `string` as a dict; ValueError for names that it does not have."""
-    names = *_STRINGING.values(), "span", "temperature"
-    for name in stringing:
-        checks.require_one_of(name, "stringing", names)
-    return dict(stringing)
+            if name in found:
+                raise ValueError(f"state {name!r} occurs twice; give it another name")
+            if not set(role.split()) <= set(_ROLES):
+                raise ValueError(f"role {role!r}: expected {', '.join(_ROLES)}, both or none")
+            if "creeps" in role and creep is not None:
+                raise ValueError(f"role: state {creep!r} creeps already; only one state may")
+            found[name] = _state_of_row(row, count)
+        except ValueError as error:  # one of reading has the place
+            text = str(error).removeprefix(f"{row.place}: ")
+            raise FileError(f"{row.place}: {text}") from None
+        loads += [name] if "stretches" in role else []
+        creep = name if "creeps" in role else creep
+    return found, tuple(loads), creep
 
 
 def _stringing_of(head, path):
     """Return the arguments of `string` in the head of a file."""
     stated = {str(k).lower(): v for k, v in dict(head.get("stringing", {})).items()}
     for name in stated:
-        if name not in (*_STRINGING, "span", "temperature_c"):
+        if name not in _STRINGING:
             text = "expected parameter_m, tension_N, sag_m, span, temperature_C"
             raise FileError(f"{path}: stringing: {name!r}: {text}")
-    given = {_STRINGING[k]: float(v) for k, v in stated.items() if k in _STRINGING}
-    if len(given) != 1:
+    given = {_STRINGING[name]: float(value) for name, value in stated.items()}
+    if len(given.keys() - {"span", "temperature"}) != 1:
         raise FileError(f"{path}: stringing: give one of parameter_m, tension_N, sag_m")
-    if "span" in stated:
-        given["span"] = int(stated["span"]) - 1
-    return {**given, "temperature": float(stated.get("temperature_c", 15.0))}
+    if "span" in given:
+        given["span"] = int(given["span"]) - 1
+    return {"temperature": 15.0} | given
 
 
 def _require_of_catalogue(own):
@@ -310,44 +285,35 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
     """
     section, path = line.section, Path(path)
     _require_of_catalogue(section.conductor)
-    towers = [
-        {
-            "tower": name,
-            "kind": kind,
-            **{c: float(np.asarray(getattr(section, f))[k]) for f, c in _TOWERS.items()},
-        }
-        for k, (name, kind) in enumerate(zip(section.names, section.kinds, strict=True))
-    ]
     states = []
     for name, state in line.states.items():
-        is_one = dict(zip(_ROLES, (name in line.loads, name == line.creep), strict=True))
-        role = " ".join(one for one in _ROLES if is_one[one])
+        has_role = zip(_ROLES, (name in line.loads, name == line.creep), strict=True)
+        role = " ".join(one for one, is_its in has_role if is_its)
         ice = " ".join(repr(1e3 * float(x)) for x in np.atleast_1d(np.asarray(state.ice)))
-        numbers = {column: float(getattr(state, field)) for field, column in _STATES.items()}
-        broken = {} if state.broken is None else {"broken_span": state.broken + 1}
-        own = {"state": name, "condition": state.condition, "role": role, "ice_mm": ice}
-        states.append(own | numbers | broken)
-    stated = {c: float(line.stringing[f]) for c, f in _STRINGING.items() if f in line.stringing}
-    stated["temperature_c"] = float(line.stringing.get("temperature", 15.0))
-    if "span" in line.stringing:
-        stated["span"] = line.stringing["span"] + 1
-    content: dict[str, Any] = {
-        "conductor": section.conductor.name,
-        "stringing": stated,
-        "temperatures_C": list(line.temperatures),
-        "towers": towers,
+        numbers = (float(getattr(state, field)) for field in _STATES)
+        broken = None if state.broken is None else state.broken + 1
+        states.append((name, state.condition, role, ice, *numbers, broken))
+    columns = (np.asarray(getattr(section, field), float).tolist() for field in _TOWERS)
+    tables = {
+        "towers": [*zip(section.names, section.kinds, *columns, strict=True)],
         "states": states,
+        "ground": [] if section.profile is None else np.asarray(section.profile).tolist(),
+        "crossings": [
+            (name, *point)
+            for name, points in (section.crossings or {}).items()
+            for point in np.asarray(points).tolist()
+        ],
     }
-    if section.profile is not None:
-        rows = np.asarray(section.profile).tolist()
-        content["ground"] = [{"station_m": s, "elevation_m": z} for s, z in rows]
-    content["crossings"] = [
-        {"crossing": name, "station_m": s, "offset_m": y, "elevation_m": z}
-        for name, points in (section.crossings or {}).items()
-        for s, y, z in np.asarray(points).tolist()
-    ]
-    if not content["crossings"]:
-        del content["crossings"]
+    given = {"temperature": 15.0} | line.stringing
+    stated = {key: float(given[name]) for key, name in _STRINGING.items() if name in given}
+    if "span" in stated:
+        stated["span"] = given["span"] + 1
+    content: dict[str, Any] = {"conductor": section.conductor.name, "stringing": stated}
+    content["temperatures_C"] = list(line.temperatures)
+    for key, rows in tables.items():
+        objects = [zip(_COLUMNS[key], row, strict=True) for row in rows]
+        content[key] = [{k: x for k, x in one if x is not None} for one in objects]
+    content = {key: value for key, value in content.items() if value or key not in _COLUMNS}
     with atomic_write(path) as stream:
         stream.write(json.dumps(content, indent=1) + "\n")
     return path

@@ -17,18 +17,20 @@ from ..common.types import Array, ArrayLike, Float
 from ..elements import Bars, Catenaries
 from ..model.structure import Structure
 from ..model.supports import pinned
+from .conductor_law import NO_SET
 
 KINDS = "suspension", "strain", "post"
 """How a tower holds the conductor: by a hanging string, by strings in line, on a rigid post."""
 
 _STRING_STIFFNESS = 1e9  # EA of insulator strings, N: one of 3 m gives 0.1 mm at 30 kN
-_TABLE = ("station", "ground", "height", "offset", "angle")
-_STRINGS = ("string_length", "string_weight", "string_area")
+_STRINGS = "string_length", "string_weight", "string_area"
+NUMBERS = "station", "ground", "height", "offset", "angle", *_STRINGS
+"""Fields of a section that have a number for each tower."""
 
 
-def _does_not_increase(profile):
-    """Return whether each point of a profile lies at or before the point before it, [n - 1]."""
-    return profile[1:, 0] <= profile[:-1, 0]
+def unit(vectors: Float[Array, "n dim"]) -> Float[Array, "n dim"]:
+    """Return vectors, [n, dim], divided by their lengths."""
+    return vectors / jnp.sqrt(jnp.sum(vectors**2, axis=1, keepdims=True))
 
 
 def _increase_text(index, profile):
@@ -38,6 +40,14 @@ def _increase_text(index, profile):
         f"profile[{k}]: its station, {profile[k, 0]:g} m, must be more than that of the point "
         f"before, {profile[k - 1, 0]:g} m (a step in the ground: two stations 0.01 m apart)"
     )
+
+
+def _as_points(value, name, width):
+    """Return points as floats, [n, width]; ValueError for another shape, or fewer than two."""
+    points = checks.as_floats(value, name)
+    if points.ndim != 2 or points.shape[1] != width or len(points) < 2:
+        raise ValueError(f"{name}: expected shape [n, {width}], n >= 2, got {points.shape}")
+    return points
 
 
 class Attachment(NamedTuple):
@@ -83,22 +93,16 @@ def layout_of(kinds: tuple[str, ...], with_string: tuple[bool, ...]) -> Layout:
     """Return the `Layout` of towers of these kinds, with and without strings."""
     found = Layout([], [], [], [], [], [], [[]])
     last, count = None, len(kinds)
-
-    def node(tower, held):
-        found.towers.append(tower)
-        if held:
-            found.held.append(len(found.towers) - 1)
-        return len(found.towers) - 1
-
     for tower, kind in enumerate(kinds):
-        at_tower = node(tower, True)
-        sides: tuple[str, ...] = ("",)
-        if kind == "strain":
-            sides = ("back", "ahead")[tower == 0 : 1 if tower == count - 1 else 2]
-        for side in sides:
+        at_tower = len(found.towers)
+        found.towers.append(tower)
+        found.held.append(at_tower)
+        both = ("back", "ahead")[tower == 0 : 1 if tower == count - 1 else 2]
+        for side in both if kind == "strain" else ("",):
             clamp, string = at_tower, None
             if with_string[tower]:
-                clamp, string = node(tower, False), len(found.strings)
+                clamp, string = len(found.towers), len(found.strings)
+                found.towers.append(tower)
                 found.strings.append([at_tower, clamp])
                 found.reach.append(tower + {"": 0, "back": -1, "ahead": 1}[side])
             found.attachments.append(Attachment(tower, side, clamp, string))
@@ -185,11 +189,11 @@ class LineSection:
             raise ValueError(f"kinds: expected {count}, one for each tower, got {len(kinds)}")
         for k, kind in enumerate(kinds):
             checks.require_one_of(kind, f"kinds[{k}]", KINDS)
-        names = map(str, self.names or range(1, count + 1))
-        set_fields(self, station=station, kinds=kinds, names=tuple(names))
-        if len(self.names) != count or len(set(self.names)) != count:
+        names = tuple(map(str, self.names or range(1, count + 1)))
+        if len(names) != count or len(set(names)) != count:
             raise ValueError(f"names: expected {count} different names, one for each tower")
-        for name in (*_TABLE[1:], *_STRINGS):
+        set_fields(self, station=station, kinds=kinds, names=names)
+        for name in NUMBERS[1:]:
             value = checks.as_floats(getattr(self, name), name)
             if value.shape not in ((), (count,)):
                 raise ValueError(f"{name}: expected shape [] or [{count}], got {value.shape}")
@@ -197,16 +201,10 @@ class LineSection:
             set_fields(self, **{name: xp.broadcast_to(value, (count,)) + 0.0})
         self._check_strings()
         if self.profile is not None:
-            profile = checks.as_floats(self.profile, "profile")
-            if profile.ndim != 2 or profile.shape[1] != 2 or len(profile) < 2:
-                raise ValueError(f"profile: expected shape [n, 2], n >= 2, got {profile.shape}")
-            refuse_if_broken([Rule("profile", profile, _does_not_increase, _increase_text)])
-            set_fields(self, profile=profile)
-        crossings = {k: checks.as_floats(v, k) for k, v in dict(self.crossings or {}).items()}
-        for name, points in crossings.items():
-            if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-                raise ValueError(f"crossings[{name!r}]: expected shape [n, 3], n >= 2")
-        set_fields(self, crossings=crossings)
+            set_fields(self, profile=_as_points(self.profile, "profile", 2))
+        crossings = dict(self.crossings or {})
+        points = {k: _as_points(v, f"crossings[{k!r}]", 3) for k, v in crossings.items()}
+        set_fields(self, crossings=points)
         refuse_if_broken(self.rules())
         step = nan_if_broken(positive("differences of station", station[1:] - station[:-1]))
         set_fields(self, station=station + 0 * step.sum())
@@ -215,26 +213,21 @@ class LineSection:
         """Set `with_string` from known lengths; ValueError for suspension towers without string."""
         length = checks.array_if_known(self.string_length)
         if length is not None:
-            set_fields(
-                self,
-                with_string=tuple(
-                    bool(x > 0) and kind != "post"
-                    for x, kind in zip(length, self.kinds, strict=True)
-                ),
-            )
+            has_one = (length > 0) & (np.array(self.kinds) != "post")
+            set_fields(self, with_string=tuple(has_one.tolist()))
         if self.with_string is None:
             raise ValueError("string_length: is traced; give with_string, booleans of all towers")
         for k, (kind, has_one) in enumerate(zip(self.kinds, self.with_string, strict=True)):
             if kind == "suspension" and not has_one:
-                raise ValueError(
-                    f"string_length[{k}]: a suspension tower needs a string; or a post"
-                )
+                text = "a suspension tower needs a string; or a post"
+                raise ValueError(f"string_length[{k}]: {text}")
 
     def rules(self) -> list[Rule]:
         """Return the rules that the numbers must satisfy, a list of `Rule`."""
         step = self.station[1:] - self.station[:-1]
         return [
             *self.conductor.rules(),
+            Rule("profile", self.profile, lambda x: x[1:, 0] <= x[:-1, 0], _increase_text),
             positive("differences of station", step),
             *(not_negative(name, getattr(self, name)) for name in _STRINGS),
         ]
@@ -248,6 +241,12 @@ class LineSection:
     def span_lengths(self) -> Float[Array, " n_span"]:
         """Differences of stations, [n_span], m."""
         return jnp.diff(jnp.asarray(self.station))
+
+    @property
+    def never_loaded(self) -> Float[Array, "n_span n_layer"]:
+        """Permanent strains of a conductor that has never been loaded, [n_span, n_layer]."""
+        shape = len(self.layout.spans), len(self.conductor.layers)
+        return jnp.asarray(np.full(shape, NO_SET))
 
     def chord_lengths(self) -> Float[Array, " n_span"]:
         """Return the distances of the ends of spans while strings hang as drawn, [n_span], m."""
@@ -271,8 +270,7 @@ class LineSection:
     def bisectors(self) -> Float[Array, "n_tower 2"]:
         """Return the unit vectors along the line at the towers, [n_tower, 2], across their arms."""
         own = self.directions()
-        both = jnp.concatenate([own[:1], own]) + jnp.concatenate([own, own[-1:]])
-        return both / jnp.sqrt(jnp.sum(both**2, axis=1, keepdims=True))
+        return unit(jnp.concatenate([own[:1], own]) + jnp.concatenate([own, own[-1:]]))
 
     def in_plan(
         self, station: Float[ArrayLike, " n"], offset: Float[ArrayLike, " n"] = 0.0
@@ -323,13 +321,10 @@ class LineSection:
         if not own.strings:
             return nodes
         held, hung = np.array(own.strings).T
-        at = towers[held]
-        reach = np.array(own.reach)
+        at, reach = towers[held], np.array(own.reach)
         plumb = jnp.asarray([[0.0, 0.0, -1.0]])
         towards = jnp.where((reach == at)[:, None], plumb, points[reach] - points[at])
-        size = jnp.sqrt(jnp.sum(towards**2, axis=1, keepdims=True))
-        falling = 0.1 * plumb + towards / size
-        falling = falling / jnp.sqrt(jnp.sum(falling**2, axis=1, keepdims=True))
+        falling = unit(0.1 * plumb + unit(towards))
         return nodes.at[hung].add(jnp.asarray(self.string_length)[at][:, None] * falling)
 
     def structure(
@@ -342,16 +337,13 @@ class LineSection:
             weight: its weight per unstressed length in each span, [n_span], N/m.
         """
         own = self.layout
-        elements: dict[str, Bars | Catenaries] = {
-            "conductor": Catenaries(own.spans, axial_stiffness=stiffness, weight=weight)
-        }
+        conductor = Catenaries(own.spans, axial_stiffness=stiffness, weight=weight)
+        elements: dict[str, Bars | Catenaries] = {"conductor": conductor}
         if own.strings:
             at = np.array(own.towers)[np.array(own.strings)[:, 0]]
             length = jnp.asarray(self.string_length)[at]
+            heavy = jnp.asarray(self.string_weight)[at] / length
             elements["strings"] = Bars(
-                own.strings,
-                axial_stiffness=_STRING_STIFFNESS,
-                rest_length=length,
-                weight=jnp.asarray(self.string_weight)[at] / length,
+                own.strings, axial_stiffness=_STRING_STIFFNESS, rest_length=length, weight=heavy
             )
         return Structure(self.nodes(), elements, pinned(own.held))

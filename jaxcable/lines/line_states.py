@@ -14,7 +14,7 @@ from ..common.types import Array, ArrayLike, Float
 from ..loads import IceLoads, LineLoads, SelfWeight, WindLoads, WindTable
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
-from .line_section import LineSection
+from .line_section import LineSection, unit
 
 CONDITIONS = "initial", "final", "creep"
 """Which curves a conductor follows in a state: of first loading, after stretch, of creep."""
@@ -24,7 +24,8 @@ STRING_DRAG = 1.2
 
 _THICKEST = 0.3  # ice, m, beyond which it is most likely in millimeters
 
-_NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
+NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
+"""Fields of a state that have one number."""
 
 
 def _span_index(value):
@@ -75,12 +76,11 @@ class LineState:
     broken: int | None = None
 
     def __post_init__(self):
-        for name in _NUMBERS:
-            set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
+        numbers = {name: checks.as_scalar(getattr(self, name), name) for name in NUMBERS}
         ice = checks.as_floats(self.ice, "ice")
         if ice.ndim > 1:
             raise ValueError(f"ice: expected shape [] or [n_span], got {ice.shape}")
-        set_fields(self, ice=ice)
+        set_fields(self, ice=ice, **numbers)
         checks.require_one_of(self.condition, "condition", CONDITIONS)
         if self.broken is not None:
             set_fields(self, broken=_span_index(self.broken))
@@ -96,6 +96,12 @@ class LineState:
         names = ("ice", "wind", "drag", "extra", "ice_density")
         return [not_negative(name, getattr(self, name)) for name in names]
 
+    @property
+    def blows(self) -> Float[Array, " 3"]:
+        """Unit vector towards which the wind blows, [3]."""
+        angle = jnp.radians(jnp.asarray(self.wind_direction))
+        return jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+
     def loads(
         self,
         section: LineSection,
@@ -106,10 +112,8 @@ class LineState:
 
         `scale` multiplies ice and `extra` on the spans, `wind_scale` the wind, [n_span].
         """
-        angle = jnp.radians(jnp.asarray(self.wind_direction))
-        blows = jnp.stack([jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle)])
+        blows, wind = self.blows, WindTable(pressures=self.wind)
         diameter = section.conductor.diameter
-        wind = WindTable(pressures=self.wind)
         found: list[Load] = [
             SelfWeight(),
             IceLoads(self.ice, diameter, self.ice_density, on="conductor"),
@@ -128,8 +132,7 @@ class LineState:
     def load_per_length(self, section: LineSection) -> Float[Array, "n_span 2"]:
         """Return the loads on level spans, [n_span, 2], N/m: across the span, and downwards."""
         own = section.directions()
-        angle = jnp.radians(jnp.asarray(self.wind_direction))
-        across = own[:, 0] * jnp.sin(angle) - own[:, 1] * jnp.cos(angle)
+        across = own[:, 0] * self.blows[1] - own[:, 1] * self.blows[0]
         wide = section.conductor.diameter + 2 * jnp.asarray(self.ice)
         blown = self.wind * self.drag * wide * across * jnp.abs(across)
         weight = section.conductor.weight + self.ice_weight(section)
@@ -144,11 +147,10 @@ class LineState:
 
     def _more_load(self, section, scale):
         """Return `extra` in its direction, and what `scale` adds to the ice, [n_span, 3], N/m."""
-        both = self.load_per_length(section)
-        unit = both / jnp.sqrt(jnp.sum(both**2, axis=1, keepdims=True))
+        along = unit(self.load_per_length(section))
         own = section.directions()
         scale = jnp.broadcast_to(scale, (len(own),))[:, None]
         left = jnp.stack([-own[:, 1], own[:, 0]], axis=1)
-        more = self.extra * jnp.concatenate([unit[:, :1] * left, -unit[:, 1:]], axis=1) * scale
+        more = self.extra * jnp.concatenate([along[:, :1] * left, -along[:, 1:]], axis=1) * scale
         ice = jnp.broadcast_to(self.ice_weight(section), (len(own),))[:, None]
         return more - ice * (scale - 1) * jnp.asarray([[0.0, 0.0, 1.0]])

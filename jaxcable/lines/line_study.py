@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -49,9 +50,8 @@ class LineStudy:
     @property
     def status(self) -> int:
         """The first status of stringing, states and pulleys that is not OK; OK if all are."""
-        codes = np.concatenate(
-            [np.ravel(x) for x in (self.strung.status, self.results.status, self.pulleys.status)]
-        )
+        parts = self.strung, self.results, self.pulleys
+        codes = np.concatenate([np.ravel(part.status) for part in parts])
         return int(next((code for code in codes if code != status.OK), status.OK))
 
     def report(self) -> Report:
@@ -62,27 +62,23 @@ class LineStudy:
         codes = zip(found.names, np.asarray(found.status).tolist(), strict=True)
         if failed := [name for name, code in codes if code != status.OK]:
             sentences.append(f"no results of the states {', '.join(failed)}")
-        spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+        spans = [f"{a}-{b}" for a, b in itertools.pairwise(section.names)]
 
         def extreme(values, pick, text):
             """Add a sentence with the extreme value of [n_state, n_span] numbers."""
             values = np.asarray(values)
-            if np.isfinite(values).any():
-                finite = np.where(
-                    np.isfinite(values), values, np.inf if pick is np.argmin else -np.inf
-                )
+            finite = np.where(np.isfinite(values), values, np.nan)
+            if not np.isnan(finite).all():
                 k, j = np.unravel_index(pick(finite), values.shape)
                 where = f"in span {spans[j]}, state {found.names[k]!r}"
-                sentences.append(text.format(values[k, j]) + " " + where)
+                sentences.append(f"{text.format(values[k, j])} {where}")
 
-        extreme(found.clearance, np.argmin, "least height above the ground: {:.2f} m")
+        extreme(found.clearance, np.nanargmin, "least height above the ground: {:.2f} m")
         for name, near in found.crossings.items():
-            extreme(near, np.argmin, f"least distance from {name}: {{:.2f}} m")
-        extreme(found.utilization, np.argmax, "largest tension over rated strength: {:.1%}")
-        uplift = [
-            f"{row[1]} ({row[0]})" for row in tables["tower_loads"].rows if row[-1] == "uplift"
-        ]
-        if uplift:
+            extreme(near, np.nanargmin, f"least distance from {name}: {{:.2f}} m")
+        extreme(found.utilization, np.nanargmax, "largest tension over rated strength: {:.1%}")
+        loads = tables["tower_loads"].rows
+        if uplift := [f"{row[1]} ({row[0]})" for row in loads if row[-1] == "uplift"]:
             sentences.append(f"uplift at towers {', '.join(dict.fromkeys(uplift))}")
         sentences += self._remarks(spans)
         return Report(self.status, tuple(sentences), tables)
@@ -103,13 +99,12 @@ class LineStudy:
             f"EA {one.area * one.final_modulus / 1e6:.2f} MN, "
             f"diameter {1e3 * one.diameter:.2f} mm, rated strength {one.strength / 1e3:.1f} kN",
         ]
-        ground = section.profile
-        if ground is not None:
-            first, last = float(ground[0, 0]), float(ground[-1, 0])
-            ends = np.asarray(section.station, float)
+        if section.profile is not None:
+            first, last = np.asarray(section.profile)[[0, -1], 0].tolist()
+            ends = itertools.pairwise(np.asarray(section.station).tolist())
             bare = [
                 name
-                for name, low, high in zip(spans, ends[:-1], ends[1:], strict=True)
+                for name, (low, high) in zip(spans, ends, strict=True)
                 if low < first or high > last
             ]
             if bare:
@@ -157,12 +152,10 @@ def study_line(line: Line) -> LineStudy:
         text = "give a state the role stretches or creeps"
         raise ValueError(f"states[{final[0]!r}]: is final, but no state stretches the line; {text}")
     _warn_of_low_tension(section, line.stringing.get("horizontal_tension"))
-    strung = string(section, **line.stringing)
-    permanent = None
+    strung, permanent = string(section, **line.stringing), None
     if stretches:
-        loads = {name: states[name] for name in line.loads}
         creep = None if line.creep is None else copy_with(states[line.creep], broken=None)
-        permanent = stretch(section, strung, loads, creep)
+        permanent = stretch(section, strung, {name: states[name] for name in line.loads}, creep)
     results = analyse(section, strung, states, permanent=permanent)
     _warn_of_overloads(section, states, results)
     chart = pulleys(section, strung, line.temperatures)
@@ -185,14 +178,12 @@ def _warn_of_overloads(section, states, results):
     over = [f"{name!r} ({x:.0%})" for name, x in zip(results.names, most, strict=True) if x > 1]
     if over:
         checks.warn_user(f"tension above the rated strength in the states {', '.join(over)}")
-    strain = np.nan_to_num(np.asarray(results.strain))
+    strains = np.nan_to_num(np.asarray(results.strain)).max(axis=1)
+    warmer = [states[name].temperature - one.temperature for name in results.names]
     beyond = [
         repr(name)
-        for name, strains in zip(results.names, strain, strict=True)
-        if any(
-            strains.max() - x.expansion * (states[name].temperature - one.temperature) > x.limit
-            for x in one.layers
-        )
+        for name, strain, warm in zip(results.names, strains, warmer, strict=True)
+        if any(strain - layer.expansion * warm > layer.limit for layer in one.layers)
     ]
     if beyond:
         text = f"strain beyond the curves of {one.name} in the states {', '.join(beyond)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -98,32 +99,30 @@ def section_tables(
     return tables
 
 
-def _span_rows(section, names, *values):
-    """Return a row for each state and span: name of the state, "1-2" of the towers, the values.
+def _table_of_spans(title, section, names, heads, values, notes=()):
+    """Return a table with a row for each state and span: its name, "1-2" of the towers, values.
 
-    `values` are arrays [n_state, n_span]; infinite ones become None.
+    `heads` are as of `columns_of_rows`, `values` arrays [n_state, n_span]; infinite ones are none.
     """
-    spans = [f"{a}-{b}" for a, b in zip(section.names[:-1], section.names[1:], strict=True)]
+    spans = [f"{a}-{b}" for a, b in itertools.pairwise(section.names)]
     every = [np.asarray(x, float).tolist() for x in values]
-    return [
+    rows = [
         [name, span, *(None if x[k][j] == np.inf else x[k][j] for x in every)]
         for k, name in enumerate(names)
         for j, span in enumerate(spans)
     ]
+    return make_table(title, columns_of_rows(rows, *heads), notes)
 
 
 def _tower_table(section):
     """Return the table of towers, as they are given."""
-    names = ("station", "ground", "height", "offset", "string_length", "string_weight")
-    units = ("m", "m", "m", "m", "m", "N")
-    columns = [Column("tower", "", list(section.names)), Column("kind", "", list(section.kinds))]
-    columns += [
-        Column(name.replace("_", " "), unit, np.asarray(getattr(section, name), float))
-        for name, unit in zip(names, units, strict=True)
-    ]
-    columns.append(Column("angle", "deg", np.asarray(section.angle, float)))
+    names = "station", "ground", "height", "offset", "string_length", "string_weight", "angle"
+    units = "m", "m", "m", "m", "m", "N", "deg"
+    numbers = (np.asarray(getattr(section, name), float).tolist() for name in names)
+    rows = [*zip(section.names, section.kinds, *numbers, strict=True)]
+    heads = ((name.replace("_", " "), unit) for name, unit in zip(names, units, strict=True))
     notes = (f"conductor {section.conductor.name}: {section.conductor.source}",)
-    return make_table("Towers", columns, notes)
+    return make_table("Towers", columns_of_rows(rows, "tower", "kind", *heads), notes)
 
 
 def _state_table(states):
@@ -145,14 +144,14 @@ def _span_table(section, results):
     """Return the table of tensions, sags and clearances of every state and span."""
     ends, near = np.asarray(results.tensions).max(axis=-1), results.crossings
     values = results.horizontal, ends, results.utilization, results.sag, results.clearance
-    rows = _span_rows(section, results.names, *values, *near.values())
+    values += tuple(near.values())
     heads = (
         *("state", "span", ("H", "N", "horizontal tension"), ("largest tension", "N")),
         *(("utilization", "-", "of rated strength"), ("sag", "m", "vertical sag at midspan")),
         ("clearance", "m", "above the ground"),
         *((name, "m", f"distance from {name}") for name in near),
     )
-    return make_table("Tensions, sags, clearances", columns_of_rows(rows, *heads))
+    return _table_of_spans("Tensions, sags, clearances", section, results.names, heads, values)
 
 
 def _stringing_table(section, pulleys):
@@ -160,13 +159,12 @@ def _stringing_table(section, pulleys):
     clamped = pulleys.clamped
     offsets = np.pad(pulleys.offsets, ((0, 0), (0, 1)), constant_values=np.nan)
     values = pulleys.horizontal, pulleys.sag, clamped.horizontal, clamped.sag, offsets
-    rows = _span_rows(section, clamped.names, *values)
     heads = (
         *("temperature", "span", ("H on pulleys", "N"), ("sag on pulleys", "m")),
         *(("H clamped", "N"), ("sag clamped", "m"), ("offset", "m", "forward at its second tower")),
     )
     note = "offset: by how much the conductor is moved forward over the pulley before it is clamped"
-    return make_table("Stringing chart", columns_of_rows(rows, *heads), (note,))
+    return _table_of_spans("Stringing chart", section, clamped.names, heads, values, (note,))
 
 
 def _swing_table(section, results):
@@ -198,13 +196,13 @@ def _load_table(section, results):
 def _ruling_table(section, results, ruling):
     """Return the table of the ruling span beside the exact answer."""
     values = results.horizontal, ruling.horizontal, results.sag, ruling.sag, ruling.sag_error
-    rows = _span_rows(section, results.names, *values)
     heads = (
         *("state", "span", ("H", "N", "H exact"), ("H ruling", "N", "H of the ruling span")),
         *(("sag", "m", "sag exact"), ("sag ruling", "m", "sag by the ruling span"), ("error", "m")),
     )
     spans = ", ".join(f"{x:.2f}" for x in section.ruling_spans())
-    return make_table("Ruling span", columns_of_rows(rows, *heads), (f"ruling spans: {spans} m",))
+    notes = (f"ruling spans: {spans} m",)
+    return _table_of_spans("Ruling span", section, results.names, heads, values, notes)
 
 
 def sag_tension_table(found: SagTension) -> Table:
@@ -223,17 +221,15 @@ def sag_tension_table(found: SagTension) -> Table:
         >>> jc.lines.sag_tension_table(found).columns[:4]
         ('state', 'load', 'sag', 'tension')
     """
-    heads: list[tuple[str, ...] | str] = ["state", ("load", "N/m", "resultant load")]
-    columns = []
+    columns = [
+        Column("state", "", found.names),
+        Column("load", "N/m", np.asarray(found.load), "resultant load"),
+    ]
     every = np.stack([found.sag, found.tension], axis=-1)  # state, condition, sag or tension
     for method, values in (("", every), ("parabola", found.parabola), ("catenary", found.catenary)):
         for k, condition in enumerate(("initial", "final")):
             for j, (name, unit) in enumerate((("sag", "m"), ("tension", "N"))):
-                heads.append((name, unit, f"{name} {condition} {method}".strip()))
-                columns.append(np.asarray(values)[:, k, j])
-    rows = [
-        [name, float(found.load[k]), *(float(column[k]) for column in columns)]
-        for k, name in enumerate(found.names)
-    ]
+                heading = f"{name} {condition} {method}".strip()
+                columns.append(Column(name, unit, np.asarray(values)[:, k, j], heading))
     note = f"governed by the limit of {found.governing!r}; without method: exact elastic catenary"
-    return make_table("Sags and tensions", columns_of_rows(rows, *heads), (note,))  # type: ignore[arg-type]
+    return make_table("Sags and tensions", columns, (note,))

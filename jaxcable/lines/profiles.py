@@ -45,23 +45,19 @@ def profile_lines(section: LineSection, results: LineResults) -> dict[str, list[
         "ground": [np.asarray(profile)],
         "towers": [np.array([[s, a], [s, b]]) for s, a, b in zip(station, base, top, strict=True)],
     }
-    place = np.asarray(section.in_plan(station))
-    along = np.asarray(section.directions())
-    strings = []
-    for held, hung in own.strings:
-        tower = own.towers[held]
-        ends = np.asarray(results.positions)[0, [held, hung]]
-        axis = np.asarray(section.bisectors())[tower]
-        moved = station[tower] + (ends[:, :2] - place[tower]) @ axis
-        strings.append(np.stack([moved, ends[:, 2]], axis=1))
-    if strings:
-        found["strings"] = strings
-    for k, name in enumerate(results.names):
-        curves = np.asarray(results.curves)[k]
-        lines = [
-            np.stack([station[j] + (c[:, :2] - place[j]) @ along[j], c[:, 2]], axis=1)
-            for j, c in enumerate(curves)
-        ]
+    place, along = np.asarray(section.in_plan(station)), np.asarray(section.directions())
+    bisectors = np.asarray(section.bisectors())
+
+    def unfolded(points, tower, axis):
+        """Return points in space along an axis from a tower as station and elevation, [n, 2]."""
+        moved = station[tower] + (points[:, :2] - place[tower]) @ axis
+        return np.stack([moved, points[:, 2]], axis=1)
+
+    for ends in own.strings:
+        tower, points = own.towers[ends[0]], np.asarray(results.positions)[0, ends]
+        found.setdefault("strings", []).append(unfolded(points, tower, bisectors[tower]))
+    for name, curves in zip(results.names, np.asarray(results.curves), strict=True):
+        lines = [unfolded(points, k, along[k]) for k, points in enumerate(curves)]
         found[name] = [line for line in lines if np.isfinite(line).all()]
     return found
 
@@ -104,13 +100,10 @@ def save_profile(
     numbers: dict[tuple[float, float], int] = {}  # of nodes by place: lines share their ends
     elements: dict[str, Any] = {}
     for name, lines in profile_lines(section, results).items():
-        kind = Bars if name == "towers" else Cables
-        links: list[tuple[int, int]] = []
-        for points in lines:
-            places = [(round(float(s), 6), round(heights * float(z), 6)) for s, z in points]
-            own = [numbers.setdefault(place, len(numbers)) for place in places]
-            links += itertools.pairwise(own)
-        if links:
+        places = [[(round(float(s), 6), round(heights * float(z), 6)) for s, z in x] for x in lines]
+        own = [[numbers.setdefault(place, len(numbers)) for place in line] for line in places]
+        if links := [link for line in own for link in itertools.pairwise(line)]:
+            kind = Bars if name == "towers" else Cables
             elements[name] = kind(links, axial_stiffness=1.0)
     nodes = [[s, z, 0.0] for s, z in numbers]
     drawing = Structure(nodes, elements, pinned(range(len(nodes))))
@@ -142,24 +135,17 @@ def plot_profile(
     from ..plots import style  # slow to import: matplotlib
 
     figure = style.new_figure(9.0, 4.4)
-    axes, count = figure.add_subplot(), 0
-    for name, lines in profile_lines(section, results).items():
-        gray = {"ground": "0.55", "towers": "0.25", "strings": "0.25"}.get(name)
-        color = gray or style.SERIES[count % len(style.SERIES)]
+    axes, count, lines = figure.add_subplot(), 0, profile_lines(section, results)
+    for layer, own in lines.items():
+        gray = {"ground": "0.55", "towers": "0.25", "strings": "0.25"}.get(layer)
+        look: dict[str, Any] = {"color": gray or style.SERIES[count % len(style.SERIES)]}
+        look["linewidth"] = 2.0 if layer == "towers" else 1.2
         count += gray is None
-        for k, points in enumerate(lines):
-            label = name if k == 0 and gray is None else None
-            axes.plot(
-                *points.T, color=color, linewidth=2.0 if name == "towers" else 1.2, label=label
-            )
-    for station, ground, height, name in zip(
-        *(np.asarray(x) for x in (section.station, section.ground, section.height)),
-        section.names,
-        strict=True,
-    ):
-        axes.annotate(
-            name, (station, ground + height), xytext=(0, 3), textcoords="offset points", ha="center"
-        )
+        for k, points in enumerate(own):
+            axes.plot(*points.T, label=layer if k == 0 and gray is None else None, **look)
+    above: dict[str, Any] = {"xytext": (0, 3), "textcoords": "offset points", "ha": "center"}
+    for name, (_, top) in zip(section.names, lines["towers"], strict=True):
+        axes.annotate(name, top, **above)
     axes.margins(y=0.12)
     axes.set_xlabel("station, m")
     axes.set_ylabel("elevation, m (magnified)")

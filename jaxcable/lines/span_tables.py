@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -15,12 +16,12 @@ from ..catalogue.conductors import Conductor
 from ..common import checks
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
-from . import conductor_law
+from .conductor_law import ConductorLaw
 from .line_analysis import LineResults, analyse, stretch
 from .line_section import LineSection
 from .line_states import LineState
-from .span_law import never_loaded, stack
 from .stringing import Stringing
 
 TENSIONS = "support", "mean", "horizontal"
@@ -118,8 +119,7 @@ def sag_tension(
         [0 0] [10.65 12.36]
     """
     checks.require_one_of(tension, "tension", TENSIONS)
-    named = [*limits, *stretched_by, *([] if creep is None else [creep])]
-    for name in named:
+    for name in (*limits, *stretched_by, *([] if creep is None else [creep])):
         if name not in states:
             raise ValueError(f"{name!r}: is no state{checks.suggest_names(name, states)}")
     if not limits:
@@ -128,11 +128,10 @@ def sag_tension(
     plain = {n: copy_with(s, condition="initial", broken=None) for n, s in states.items()}
     of = _OneSpan(section, plain, tuple(stretched_by), creep)
     chord, lengths = float(np.hypot(span, rise)), {}
-    conditions = {n: x[1] if isinstance(x, tuple) else "initial" for n, x in limits.items()}
-    for name, limit in limits.items():
-        value, final = np.ravel(limit)[0].astype(float), conditions[name] == "final"
+    stated = {n: x if isinstance(x, tuple) else (x, "initial") for n, x in limits.items()}
+    for name, (value, condition) in stated.items():
 
-        def excess(length, name=name, value=value, final=final):
+        def excess(length, name=name, value=value, final=condition == "final"):
             found = of.solve(length, [name], final)[int(final)]
             return float(np.log(np.asarray(_shown_tension(found, tension))[0] / value))
 
@@ -144,20 +143,12 @@ def sag_tension(
             raise ValueError(text) from None
     governing = max(lengths, key=lengths.__getitem__)
     *both, left = of.solve(lengths[governing], list(states), True)
-    simple = of.simple_methods(both, left, governing, conditions[governing])
-    return SagTension(
-        names=tuple(states),
-        governing=governing,
-        length=jnp.asarray(lengths[governing]),
-        permanent=left,
-        load=simple[0],
-        sag=jnp.stack([x.deflection[:, 0] for x in both], axis=1),
-        tension=jnp.stack([_shown_tension(x, tension) for x in both], axis=1),
-        parabola=simple[1],
-        catenary=simple[2],
-        initial=both[0],
-        final=both[1],
-    )
+    load, parabola, catenary = of.simple_methods(both, left, governing, stated[governing][1])
+    sag = jnp.stack([x.deflection[:, 0] for x in both], axis=1)
+    shown = jnp.stack([_shown_tension(x, tension) for x in both], axis=1)
+    length = jnp.asarray(lengths[governing])
+    exact = length, left, load, sag, shown
+    return SagTension(tuple(states), governing, *exact, parabola, catenary, *both)
 
 
 class _OneSpan(NamedTuple):
@@ -175,7 +166,7 @@ class _OneSpan(NamedTuple):
         """
         section, own = self.section, {name: self.states[name] for name in names}
         strung = Stringing(np.full(1, length), np.zeros(1), 0.0, np.zeros((), int), np.zeros(()))
-        left = never_loaded(section)
+        left = section.never_loaded
         before = analyse(section, strung, own, stretched=True)
         if not final:
             return before, before, left
@@ -192,24 +183,21 @@ class _OneSpan(NamedTuple):
         They have the level tension of the governing state in its `condition`.
         """
         section, at = self.section, list(self.states).index(governing)
-        loads, warmth, _ = _stated_loads(section, stack(list(self.states.values())))
-        permanent = {"initial": never_loaded(section)[0], "final": left[0]}
+        loads, warmth, _ = _stated_loads(section, stack_trees(list(self.states.values())))
+        loads = loads[:, 0]
+        permanent = {"initial": section.never_loaded[0], "final": left[0]}
         level = _level_tension(both[int(condition == "final")])[at]
-        anchor = loads[at, 0], warmth[at], permanent[condition]
-        tables = [
-            jnp.stack(
-                [
-                    _simple_spans(
-                        *(section.conductor, section.span_lengths[0], level, anchor, loads[:, 0]),
-                        *(warmth, jnp.tile(own, (len(warmth), 1)), _Method(method)),
-                    )[:, :2]
-                    for own in permanent.values()
-                ],
-                axis=1,
-            )
-            for method in ("parabola", "catenary")
-        ]
-        return jnp.linalg.norm(loads[:, 0], axis=1), *tables
+        anchor = loads[at], warmth[at], permanent[condition]
+        given = section.conductor, section.span_lengths[0], level, anchor, loads, warmth
+
+        def table(is_parabola):
+            return [
+                _simple_spans(*given, own, is_parabola=is_parabola, stretched=True)[:, :2]
+                for own in (jnp.tile(x, (len(warmth), 1)) for x in permanent.values())
+            ]
+
+        both = (jnp.stack(table(is_parabola), axis=1) for is_parabola in (True, False))
+        return jnp.linalg.norm(loads, axis=1), *both
 
 
 @as_program
@@ -237,16 +225,10 @@ def _shown_tension(results, kind):
     return {"support": largest, "mean": 0.5 * (largest + level), "horizontal": level}[kind]
 
 
-@pytree(static=("name", "stretched"))
-class _Method:
-    """A simple method: "parabola" or "catenary", and whether loads count per stretched length."""
-
-    name: str
-    stretched: bool = True
-
-
-@as_program
-def _simple_spans(conductor, span, level, anchor, loads, warmth, permanent, method):
+@functools.partial(as_program, static=("is_parabola", "stretched"))
+def _simple_spans(
+    conductor, span, level, anchor, loads, warmth, permanent, *, is_parabola, stretched
+):
     """Return sag, mean and level tension, and load per length, of states of a level span, [n, 4].
 
     Args:
@@ -257,50 +239,45 @@ def _simple_spans(conductor, span, level, anchor, loads, warmth, permanent, meth
         loads: on the states, across and downwards, [n, 2], N/m.
         warmth: temperatures, [n], degrees C.
         permanent: permanent strains of the layers, [n, n_layer].
-        method: `_Method`. The mean tension is the horizontal one of a parabola.
+        is_parabola: whether the method is the parabola, of which the mean tension is the horizontal
+            one; else the catenary.
+        stretched: whether loads count per stretched length.
     """
 
     def shape(level, load):
         """Return length, sag and mean tension of the span under a level tension, and the load."""
         slope = 0.5 * load * span / level
-        if method.name == "parabola":
+        if is_parabola:
             return span * (1 + slope**2 / 6), 0.25 * slope * span, level, load
         sag = level / load * (jnp.cosh(slope) - 1)
         return 2 * level / load * jnp.sinh(slope), sag, level + 0.5 * load * sag, load
 
-    def shape_under(level, load, unstressed):
-        """Return the same under the loads across and downwards, [2]."""
-        whole = jnp.hypot(load[0], load[1])
-        if not method.stretched:  # the mass stays, and the wind counts per length of the chord
+    def shape_under(level, loads, unstressed):
+        """Return the same under the loads across and downwards, [..., 2]."""
+        across, down = loads[..., 0], loads[..., 1]
+        whole = jnp.hypot(across, down)
+        if not stretched:  # the mass stays, and the wind counts per length of the chord
             length = shape(level, whole)[0]
-            whole = jnp.hypot(load[0] * span / length, load[1] * unstressed / length)
+            whole = jnp.hypot(across * span / length, down * unstressed / length)
         return shape(level, whole)
 
-    def unstressed_of(length, mean):
-        return length / (1 + conductor_law.strain_at(conductor, mean, *anchor[1:]))
+    def halve(_, bracket):
+        low, high = bracket
+        middle = jnp.sqrt(low * high)
+        length, _, mean, _ = shape_under(middle, loads, unstressed)
+        above = law.tension(length / unstressed - 1) > mean
+        return jnp.where(above, middle, low), jnp.where(above, high, middle)
 
-    length, _, mean, _ = shape(level, jnp.hypot(anchor[0][0], anchor[0][1]))
+    law, first = ConductorLaw(conductor, warmth, permanent), ConductorLaw(conductor, *anchor[1:])
+    length, _, mean, _ = shape(level, jnp.hypot(*anchor[0]))
     for _ in range(3):
-        length, _, mean, _ = shape_under(level, anchor[0], unstressed_of(length, mean))
-    unstressed = unstressed_of(length, mean)
-
-    def one(load, temperature, permanent):
-        def halve(_, bracket):
-            low, high = bracket
-            middle = jnp.sqrt(low * high)
-            length, _, mean, _ = shape_under(middle, load, unstressed)
-            strain = length / unstressed - 1
-            own = conductor_law.tension_at(conductor, strain, temperature, permanent)
-            return jnp.where(own > mean, middle, low), jnp.where(own > mean, high, middle)
-
-        start = 1e-3 * conductor.strength, 2.0 * conductor.strength
-        bracket = tuple(jnp.asarray(x, float) for x in start)
-        low, high = lax.fori_loop(0, _BISECTIONS, halve, bracket)
-        level = jnp.sqrt(low * high)
-        _, sag, mean, whole = shape_under(level, load, unstressed)
-        return jnp.stack([sag, mean, level, whole])
-
-    return jax.vmap(one)(loads, warmth, permanent)
+        length, _, mean, _ = shape_under(level, anchor[0], length / (1 + first.strain(mean)))
+    unstressed = length / (1 + first.strain(mean))
+    strength = jnp.full(len(warmth), conductor.strength, float)
+    low, high = lax.fori_loop(0, _BISECTIONS, halve, (1e-3 * strength, 2.0 * strength))
+    level = jnp.sqrt(low * high)
+    _, sag, mean, whole = shape_under(level, loads, unstressed)
+    return jnp.stack([sag, mean, level, whole], axis=-1)
 
 
 @pytree
@@ -365,34 +342,31 @@ def ruling_span(
         >>> print(found.status, (100 * ruling.sag_error / found.sag).round(2), "%")
         [0] [[-1.19  0.09]] %
     """
-    own, shape = section.layout, (len(states), len(section.layout.spans))
-    level, sag = np.full(shape, np.nan), np.full(shape, np.nan)
-    even = {n: s for n, s in states.items() if s.broken is None and np.ptp(np.asarray(s.ice)) == 0}
-    rows = [list(states).index(name) for name in even]
-    calm = LineState(strung.temperature)
+    own, every = section.layout, list(states.values())
+    level, sag = np.full((2, len(every), len(own.spans)), np.nan)
+    even = [k for k, s in enumerate(every) if s.broken is None and np.ptp(np.asarray(s.ice)) == 0]
     plain = [
         copy_with(s, ice=np.max(np.asarray(s.ice)), condition="initial")
-        for s in (calm, *even.values())
+        for s in (LineState(strung.temperature), *(every[k] for k in even))
     ]
-    loads, warmth, chords = (np.asarray(x) for x in _stated_loads(section, stack(plain)))
-    virgin = np.asarray(never_loaded(section))
-    for chosen, length in zip(own.tension_sections, section.ruling_spans(), strict=True):
-        left = virgin if permanent is None else permanent
-        left = np.asarray(left)[np.array(chosen)].mean(axis=0)
-        own_loads = loads[:, chosen[0]]
-        anchor = own_loads[0], warmth[0], virgin[0]
+    loads, warmth, chords = (np.asarray(x) for x in _stated_loads(section, stack_trees(plain)))
+    virgin = np.asarray(section.never_loaded)
+    left = virgin if permanent is None else np.asarray(permanent)
+    final = np.array([[every[k].condition == "final"] for k in even])
+    for spans, length in zip(own.tension_sections, section.ruling_spans(), strict=True):
+        own_loads = loads[:, spans[0]]
         found = _simple_spans(
-            *(section.conductor, length, strung.horizontal[chosen[0]], anchor),
-            *(own_loads[1:], warmth[1:]),
-            np.stack([left if s.condition == "final" else virgin[0] for s in even.values()]),
-            _Method("catenary", stretched=False),
+            *(section.conductor, length, strung.horizontal[spans[0]]),
+            *((own_loads[0], warmth[0], virgin[0]), own_loads[1:], warmth[1:]),
+            np.where(final, left[spans].mean(axis=0), virgin[0]),
+            is_parabola=False,
+            stretched=False,
         )
-        tension, whole = np.asarray(found)[:, 2:].T
-        down = own_loads[1:, 1] / np.linalg.norm(own_loads[1:], axis=1)
-        for k in chosen:
-            level[rows, k] = tension
-            parameter = tension / whole
-            half = np.hypot(*chords[k, :2]) / (2 * parameter)
-            incline = np.hypot(1.0, chords[k, 2] / (2 * parameter * np.sinh(half)))
-            sag[rows, k] = parameter * (np.cosh(half) - 1) * incline * down
+        tension, whole = np.asarray(found)[:, 2:, None].swapaxes(0, 1)
+        down = own_loads[1:, 1:] / np.linalg.norm(own_loads[1:], axis=1, keepdims=True)
+        parameter, place = tension / whole, np.ix_(even, spans)
+        half = np.hypot(chords[spans, 0], chords[spans, 1]) / (2 * parameter)
+        incline = np.hypot(1.0, chords[spans, 2] / (2 * parameter * np.sinh(half)))
+        level[place] = tension
+        sag[place] = parameter * (np.cosh(half) - 1) * incline * down
     return RulingSpan(jnp.asarray(level), jnp.asarray(sag), jnp.asarray(sag - results.sag))

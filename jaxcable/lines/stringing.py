@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,16 +15,17 @@ from ..common import checks
 from ..common.rules import positive, refuse_if_broken
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements import Catenaries, SlidingCatenaries
+from ..elements import SlidingCatenaries
 from ..loads import SelfWeight
 from ..model.structure import Structure
 from ..model.supports import pinned
+from ..programs.joining import stack_trees
 from ..programs.program_calls import as_program
 from ..results import horizontal_tensions, sags
+from .conductor_law import ConductorLaw, mean_tension
 from .line_analysis import LineResults, analyse
 from .line_section import LineSection
 from .line_states import LineState
-from .span_law import mean_tension, never_loaded, stack, strains_at, tangent_of_spans
 
 _SAG_ROUNDS = 8  # of the tension that gives a sag; Newton's method needs two or three
 _AGREED = 1e-6  # relative step of this tension after which one more is exact
@@ -105,59 +108,41 @@ def string(
     refuse_if_broken([positive(name, value)])
     if not 0 <= span < len(section.layout.spans):
         raise ValueError(f"span = {span}: there are {len(section.layout.spans)} spans")
-    temperature = checks.as_scalar(temperature, "temperature")
-    return _string(section, _Stated(value, temperature, name, span, stretched))
+    at = checks.as_scalar(temperature, "temperature")
+    return _string(section, value, at, name=name, span=span, stretched=stretched)
 
 
-@pytree(static=("name", "span", "stretched"))
-class _Stated:
-    """What is stated of a stringing: the value of `name`, and the temperature."""
-
-    value: Float[ArrayLike, ""]
-    temperature: Float[ArrayLike, ""]
-    name: str
-    span: int
-    stretched: bool
-
-
-@as_program
-def _string(section, stated):
-    """Return the `Stringing` of a section; `stated` is a `_Stated`."""
-    level = jnp.asarray(stated.value)
-    if stated.name == "parameter":
+@functools.partial(as_program, static=("name", "span", "stretched"))
+def _string(section, value, temperature, *, name, span, stretched):
+    """Return the `Stringing` of a section; `name` says what `value` is, as `string` has it."""
+    level, data = jnp.asarray(value), (section, temperature, stretched)
+    if name == "parameter":
         level = level * section.conductor.weight
-    if stated.name == "sag":
-        level = _tension_of_sag(section, stated)
-    structure, hung, free = _hang(section, stated, level)
-    return Stringing(
-        hung.rest_length["conductor"] / (1 + free),
-        horizontal_tensions(structure, hung)["conductor"],
-        stated.temperature,
-        hung.status,
-        hung.positions,
-    )
+    if name == "sag":
+        level = _tension_of_sag(data, level, span)
+    structure, hung, free = _hang(*data, level)
+    length = hung.rest_length["conductor"] / (1 + free)
+    horizontal = horizontal_tensions(structure, hung)["conductor"]
+    return Stringing(length, horizontal, temperature, hung.status, hung.positions)
 
 
-def _hang(section, stated, level):
+def _hang(section, temperature, stretched, level):
     """Return structure, solution and strains without tension of a section with a tension, N."""
-    conductor, count = section.conductor, len(section.layout.spans)
-    virgin = never_loaded(section)
-    strain = strains_at(conductor, level, stated.temperature, virgin)
+    law = ConductorLaw(section.conductor, temperature, section.never_loaded)
+    strain = law.strain(level)
+    tensions = {"conductor": jnp.broadcast_to(level, strain.shape)}
     for _ in range(_ROUNDS):
         strain = lax.stop_gradient(strain)
-        free, stiffness = tangent_of_spans(conductor, strain, stated.temperature, virgin)
-        heavier = 1 + strain if stated.stretched else 1.0
-        weight = conductor.weight * heavier / (1 + free)
+        free, stiffness = law.tangent(strain)
+        heavier = 1 + strain if stretched else 1.0
+        weight = section.conductor.weight * heavier / (1 + free)
         structure = section.structure(stiffness * (1 + free), weight)
-        phase = Phase(
-            horizontal_tension={"conductor": jnp.broadcast_to(level, (count,))}, loads=SelfWeight()
-        )
-        hung = solve(structure, phase)
+        hung = solve(structure, Phase(horizontal_tension=tensions, loads=SelfWeight()))
         strain = free + mean_tension(hung.element_results["end_pull"]["conductor"]) / stiffness
     return structure, hung, free
 
 
-def _tension_of_sag(section, stated):
+def _tension_of_sag(data, sag, span):
     """Return the horizontal tension at which a span of the section has its stated sag, N.
 
     Newton's method for one over the sag, which is nearly proportional to the tension. Its last step
@@ -166,39 +151,25 @@ def _tension_of_sag(section, stated):
 
     def flatness(level, data):
         structure, hung, _ = _hang(*data, level)
-        return 1 / sags(structure, hung)["conductor"].midspan[stated.span]
-
-    def tangent(level):
-        return jax.jvp(lambda x: flatness(x, fixed), (level,), (jnp.ones_like(level),))
+        return 1 / sags(structure, hung)["conductor"].midspan[span]
 
     def goes_on(carry):
         return (carry[1] > _AGREED) & (carry[2] < _SAG_ROUNDS)
 
     def agree(carry):
-        value, slope = tangent(carry[0])
-        change = (1 / fixed[1].value - value) / slope
-        return carry[0] + change, jnp.abs(change / carry[0]), carry[2] + 1, slope
+        level, one = carry[0], jnp.ones_like(carry[0])
+        value, slope = jax.jvp(lambda x: flatness(x, fixed), (level,), (one,))
+        change = (1 / lax.stop_gradient(sag) - value) / slope
+        return level + change, jnp.abs(change / level), carry[2] + 1, slope
 
-    data = section, stated
-    fixed = lax.stop_gradient(data)
-    start = _tension_of_one_span(*fixed)
+    fixed = (*lax.stop_gradient(data[:2]), data[2])
+    section = fixed[0]
+    weight = section.conductor.weight * section.chord_lengths()[span]
+    start = weight * section.span_lengths[span] / (8 * lax.stop_gradient(sag))  # a parabola
     begun = start, jnp.ones_like(start), jnp.zeros((), int), jnp.ones_like(start)
     level, _, _, slope = lax.while_loop(goes_on, agree, begun)
     level, slope = lax.stop_gradient((level, slope))
-    return level + (1 / stated.value - flatness(level, data)) / slope
-
-
-def _tension_of_one_span(section, stated):
-    """Return the horizontal tension at which one span between plumb strings has a sag, N."""
-    one = jnp.asarray(section.nodes())[np.array(section.layout.spans[stated.span])]
-    conductor = section.conductor
-    stiffness = jnp.reshape(conductor.area * conductor.final_modulus, (1,))
-    weight = jnp.reshape(conductor.weight, (1,))
-    hanging = Catenaries([[0, 1]], axial_stiffness=stiffness, weight=weight)
-    alone = Structure(one, {"conductor": hanging}, pinned([0, 1]))
-    sag = jnp.reshape(stated.value, (1,))
-    hung = solve(alone, Phase(sag={"conductor": sag}, loads=SelfWeight()))
-    return horizontal_tensions(alone, hung)["conductor"][0]
+    return level + (1 / sag - flatness(level, data)) / slope
 
 
 @pytree
@@ -282,41 +253,31 @@ def pulleys(
         _on_pulleys(section, strung, jax.tree.map(lambda x, k=k: x[k], clamped))
         for k in range(len(values))
     ]
-    return copy_with(stack(found), clamped=clamped)
+    return copy_with(jax.tree.map(jnp.asarray, stack_trees(found)), clamped=clamped)
 
 
 @as_program
 def _on_pulleys(section, strung, clamped):
     """Return the `PulleyStates` of one clamped state, a `LineResults` without leading axis."""
-    own, count = section.layout, len(section.layout.spans)
-    sag, level, ends = jnp.zeros(count), jnp.zeros(count), jnp.zeros((count, 2))
-    offsets, codes = jnp.zeros(count - 1), []
+    own, codes = section.layout, [clamped.status]
+    # of a span without a pulley between its ends: as clamped
+    sag, level, ends = clamped.sag, clamped.horizontal, clamped.tensions
+    offsets = jnp.zeros(len(own.spans) - 1)
     unstressed = clamped.span_load[:, 2] / clamped.rest_length
-    for spans in own.tension_sections:
-        if len(spans) == 1:  # no pulley is between its ends
-            k = spans[0]
-            sag, level = sag.at[k].set(clamped.sag[k]), level.at[k].set(clamped.horizontal[k])
-            ends = ends.at[k].set(clamped.tensions[k])
-            continue
-        at, chain = np.array(spans), [own.spans[spans[0]][0], *(own.spans[k][1] for k in spans)]
-        total = jnp.sum(clamped.rest_length[at])
+    for spans in (np.array(x) for x in own.tension_sections if len(x) > 1):
+        chain = np.array([own.spans[spans[0]][0], *(own.spans[k][1] for k in spans)])
         cable = SlidingCatenaries(
             links=[list(range(len(chain)))],
-            axial_stiffness=jnp.mean(clamped.stiffness[at])[None],
-            weight=-jnp.mean(unstressed[at])[None],
-            rest_length=total[None],
+            axial_stiffness=jnp.mean(clamped.stiffness[spans])[None],
+            weight=-jnp.mean(unstressed[spans])[None],
+            rest_length=jnp.sum(clamped.rest_length[spans])[None],
         )
-        line = Structure(strung.clamps[np.array(chain)], {"line": cable}, pinned(range(len(chain))))
+        line = Structure(strung.clamps[chain], {"line": cable}, pinned(range(len(chain))))
         hung = solve(line, Phase(loads=SelfWeight()))
-        results = {
-            name: hung.element_results[name]["line"][0]
-            for name in ("segment_length", "end_tensions")
-        }
-        sag = sag.at[at].set(sags(line, hung)["line"].midspan[0])
-        level = level.at[at].set(horizontal_tensions(line, hung)["line"][0])
-        ends = ends.at[at].set(results["end_tensions"])
-        moved = results["segment_length"] - clamped.rest_length[at]
-        offsets = offsets.at[at[:-1]].set(jnp.cumsum(moved)[:-1])
+        sag = sag.at[spans].set(sags(line, hung)["line"].midspan[0])
+        level = level.at[spans].set(horizontal_tensions(line, hung)["line"][0])
+        ends = ends.at[spans].set(hung.element_results["end_tensions"]["line"][0])
+        moved = hung.element_results["segment_length"]["line"][0] - clamped.rest_length[spans]
+        offsets = offsets.at[spans[:-1]].set(jnp.cumsum(moved)[:-1])
         codes.append(hung.status)
-    code = jnp.max(jnp.stack([clamped.status, *codes]))
-    return PulleyStates(code, sag, level, ends, offsets, clamped)
+    return PulleyStates(jnp.max(jnp.stack(codes)), sag, level, ends, offsets, clamped)

@@ -8,7 +8,7 @@ import pytest
 from oracles import line_spans
 
 import jaxcable as jc
-from jaxcable.lines import conductor_law
+from jaxcable.lines.conductor_law import NO_SET, ConductorLaw
 from jaxcable.lines.span_tables import _level_tension
 
 FEET, POUNDS = 0.3048, 4.4482216152605
@@ -157,26 +157,26 @@ def test_horizontal_tensions_of_another_program():
 
 
 def test_law_of_a_conductor_is_that_of_its_layers():
-    drake, none = jc.catalogue.conductor("Drake"), jnp.full(2, conductor_law.NO_SET)
+    drake, none = jc.catalogue.conductor("Drake"), jnp.full(2, NO_SET)
     permanent = jnp.array([8e-4, 1e-4])
     for temperature in (-20.0, 21.0, 100.0):
         for left in (none, permanent):
             for strain in (5e-4, 1e-3, 3e-3, 6e-3):
                 own = line_spans.conductor_tension(drake, strain, temperature, np.asarray(left))
-                law = conductor_law.tension_at(drake, jnp.asarray(strain), temperature, left)
+                of = ConductorLaw(drake, temperature, left)
+                law = of.tension(jnp.asarray(strain))
                 assert abs(float(law) - own) < 1e-9 * abs(own)
-                back = conductor_law.strain_at(drake, law, temperature, left)
-                assert abs(float(back) - strain) < 1e-12
+                assert abs(float(of.strain(law)) - strain) < 1e-12
 
 
 def test_aluminum_goes_slack_at_heat():
     """Above it, steel alone: the tension falls with its own expansion and modulus."""
-    drake, none = jc.catalogue.conductor("Drake"), jnp.full(2, conductor_law.NO_SET)
-    stresses, own = conductor_law.layer_stresses(drake, jnp.asarray(1.5e-3), 120.0, none)
+    drake, none = jc.catalogue.conductor("Drake"), jnp.full(2, NO_SET)
+    stresses, own = ConductorLaw(drake, 120.0, none).layer_stresses(jnp.asarray(1.5e-3))
     assert float(stresses[0]) == 0.0 and float(stresses[1]) > 0 and float(own[0]) < 0
-    left = conductor_law.permanent_strains(drake, jnp.asarray(3e-3), 0.0, none)
+    left = ConductorLaw(drake, 0.0, none).permanent_after(jnp.asarray(3e-3))
     assert (np.asarray(left) > 0).all() and float(left[0]) > 5 * float(left[1])
-    again = conductor_law.permanent_strains(drake, jnp.asarray(1e-3), 0.0, left)
+    again = ConductorLaw(drake, 0.0, left).permanent_after(jnp.asarray(1e-3))
     np.testing.assert_array_equal(again, left)
 
 
