@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 import jax
 import numpy as np
 
-from ..common import status
+from ..common import checks, status
 from ..reporting import Report
 from ..reporting.table import columns_of_rows, make_table
 from .gust_effects import extremes
-from .mast_analysis import ErectedMast, MastForces, MastResults, analyse, erect
+from .mast_analysis import ErectedMast, MastForces, MastResults, analyse, erect, wind_directions
 from .mast_files import MastJob
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+_FALLEN = 10.0  # degrees by which no mast leans that stands
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,28 +76,36 @@ class MastStudy:
     def report(self) -> Report:
         """Return tables of input, guys, mast and foundations, and sentences on what governs."""
         found, tables = self.results, _tables(self)
-        count, directions, patches = np.shape(found.status)
+        gusts = np.array([x.gust is not None for x in self.job.states.values()])
+        own = np.ones(np.shape(found.status), bool)
+        own[~gusts, :, 1:] = False  # without gusts every patch is the mean
+        count, directions, patches = own.shape
+        blown = f"the mean wind and gusts on {patches - 1} patches" if gusts.any() else "no gusts"
         sentences = [
             f"status {self.status}: {status.describe(self.status)}",
-            f"{np.size(found.status)} cases: {count} states, {directions} directions, the mean "
-            f"wind and gusts on {patches - 1} patches",
+            f"{own.sum()} cases: {count} states, {directions} directions, {blown}",
+            *_overloads(self),
         ]
+        if not self.built.solution.stable:
+            sentences.append("the mast as built is not stable in calm air")
         failed = np.asarray(found.status) != status.OK
-        for text, bad in (("no results of", failed), ("not stable:", ~np.asarray(found.stable))):
-            if bad.any():
+        unstable = ~np.asarray(found.stable) & ~failed
+        for text, bad in (("no results of", failed), ("not stable:", unstable)):
+            if (bad := bad & own).any():
                 k, d, p = np.argwhere(bad)[0]
                 sentences.append(
                     f"{text} {bad.sum()} cases, the first {_case(found, k, d)}, {found.patches[p]}"
                 )
         guys, mast = tables["guys"].rows, tables["mast"].rows
-        if np.isfinite([row[5] for row in guys]).any():
+        if guys[0][5] is not None:
             most, least = max(guys, key=lambda x: x[5]), min(guys, key=lambda x: x[7])
-            moved, sway = max(mast, key=lambda x: x[1]), max(mast, key=lambda x: x[3])
+            moved, sway, twist = (max(mast, key=lambda x, k=k: x[k]) for k in (1, 3, 4))
             sentences += [
                 f"largest tension over strength: {most[5]:.1%} of guy {most[0]}, {most[6]}",
-                f"smallest tension of a guy: {least[7]:.4g} N of guy {least[0]}, {least[8]}",
-                f"largest displacement: {moved[1]:.3f} m at {moved[0]:g} m, {moved[2]}",
-                f"largest sway of the axis: {sway[3]:.2f} degrees at {sway[0]:g} m",
+                f"smallest tension of a guy: {least[7] / 1e3:.4g} kN of guy {least[0]}, {least[8]}",
+                f"largest displacement: {moved[1]:.3f} m at {moved[0]:.4g} m, {moved[2]}",
+                f"largest sway of the axis: {sway[3]:.2f} degrees at {sway[0]:.4g} m",
+                f"largest twist: {twist[4]:.2f} degrees at {twist[0]:.4g} m",
             ]
         return Report(self.status, tuple(sentences), tables)
 
@@ -110,6 +119,9 @@ def study_mast(job: MastJob) -> MastStudy:
     Returns:
         `MastStudy`; its `report` has all tables.
 
+    Guys above their strength, and a mast that leans by more than 10 degrees, are results all the
+    same; an `InputWarning` names the states, and so does the report.
+
     Raises:
         ValueError: no states; as of `erect` and `analyse`.
 
@@ -121,9 +133,31 @@ def study_mast(job: MastJob) -> MastStudy:
         >>> print(jc.masts.study_mast(job).status)
         0
     """
+    angles = wind_directions(job.directions)  # wrong ones are refused before the work
     built = erect(job.mast)
-    results = analyse(built, job.states, job.directions)
-    return MastStudy(job, built, results, *extremes(results))
+    results = analyse(built, job.states, angles)
+    study = MastStudy(job, built, results, *extremes(results))
+    if checks.numpy_or_jax(study.high) is np:
+        for text in _overloads(study):
+            checks.warn_user(text)
+    return study
+
+
+def _overloads(study):
+    """Return sentences on states that break guys, or that the mast does not stand, a list."""
+    used = np.asarray(study.high.tensions).max(-1) / np.asarray(study.job.mast.of_guys("strength"))
+    lean = np.degrees(study.envelopes()["sway"])
+    limits = {
+        "guys above their strength, analysed as if they held,": (used, 1.0, "{:.0%}"),
+        "the mast falls, or has numbers in other units: its axis leans": (lean, _FALLEN, "{:.0f}°"),
+    }
+    found = []
+    for text, (values, limit, shown) in limits.items():
+        most = np.fmax.reduce(values, axis=(1, 2))  # NaN: failed, which the status says
+        pairs = zip(study.results.names, most, strict=True)
+        if over := [f"{name!r} ({shown.format(x)})" for name, x in pairs if x > limit]:
+            found.append(f"{text} in the states {', '.join(over)}")
+    return found
 
 
 def _case(results, state, direction):
@@ -241,7 +275,9 @@ def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figu
     units |= {"N": ("kN", 1e-3), "V": ("kN", 1e-3), "M": ("kN m", 1e-3)}
     for own, (name, (unit, factor)) in zip(axes[1:], units.items(), strict=True):
         places = heights if name in ("displacement", "sway") else np.repeat(heights, 2)[1:-1]
-        for k, values in enumerate((np.nanmin if name == "N" else np.nanmax)(curves[name], axis=1)):
+        for k, values in enumerate(
+            (np.fmin if name == "N" else np.fmax).reduce(curves[name], axis=1)
+        ):
             color, label = style.SERIES[k % len(style.SERIES)], study.results.names[k]
             own.plot(
                 factor * values, places, color=color, **({"label": label} if name == "M" else {})

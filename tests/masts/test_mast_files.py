@@ -66,6 +66,7 @@ REFUSED = {
         {"states": {"a": {"standard": "TIA-222", "velocity": 20, "ice": -1}}},
         "states.a: ice = -2.0: must not be negative",
     ),
+    "directions": ({"directions": 0}, "directions = 0: expected a whole number"),
     "heights": ({"guys": [*MAST["guys"][::-1]]}, "guys: heights [22.0, 12.0] m must increase"),
     "above": ({"ancillaries": [{"height": 25}]}, "ancillaries: heights [25.0] m, of 0 to 24 m"),
 }
