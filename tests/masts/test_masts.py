@@ -255,6 +255,17 @@ def free_body(found, pressure, patch, tolerance, of_moments):
     assert np.abs(error[:2]).max() < of_moments * np.linalg.norm(moment[:2])
 
 
+def test_gusts_act_on_guys_by_their_height():
+    def shares(anchor_height):
+        level = jc.masts.guy_level(12.0, 12.0, AZIMUTHS, CABLE, anchor_height=anchor_height)
+        mast = jc.replace(small_mast(), guys=[level, small_mast().guys[1]])
+        return [mast.guy_share(patch)[0] for patch in mast.layout.patches[:3]]
+
+    np.testing.assert_allclose(shares(4.0), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(shares(16.0), [0.0, 1.0, 0.0], atol=1e-12)  # anchors on a hill
+    np.testing.assert_allclose(shares(12.0), [1.0, 0.0, 0.0], atol=1e-9)  # horizontal guys
+
+
 def test_gusts_are_combined_by_the_root_of_their_squares():
     found = analysed()
     low, high = jc.masts.extremes(found)
@@ -277,7 +288,10 @@ def test_report_of_cases_that_have_failed(tmp_path):
 
 def test_study_says_what_does_not_hold(monkeypatch):
     monkeypatch.setattr("jaxcable.masts.mast_study.erect", lambda mast: built())
-    for name, factor, text in (("tensions", 10.0, "above their strength"), ("rotation", 50.0, "°")):
+    for name, factor, text in (
+        ("tensions", 10.0, "above their strength"),
+        ("rotation", 50.0, "the mast falls"),
+    ):
         forces = analysed().forces
         forces = jc.replace(forces, **{name: factor * getattr(forces, name)})
         found = jc.replace(analysed(), forces=forces)
