@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
 _FALLEN = 10.0  # degrees by which no mast leans that stands
 
+_SECTIONS = "Sections of the mast; top, m; EA, N; EI, N m2; GJ, N m2; weight, N/m; drag area, m2/m"
+_STATES = "States; state; wind; wind factor, -; weight factor, -; ice, m, ice at 10 m"
+_GUYS = "Tensions of guys; guy; length, m, unstressed length; as built, N, at anchor; at mast, N; \
+largest, N; utilization, -, of strength; largest in; smallest, N; smallest in"
+_MAST = "Envelope of the mast; height, m; displacement, m, horizontal; largest in; sway, deg; \
+twist, deg; N, N, smallest N; V, N; M, N m; M in"
+_FOUNDATIONS = "Forces on foundations; at; component; force, N, largest; moment, N m, largest; in"
+
 
 @dataclasses.dataclass(frozen=True)
 class MastStudy:
@@ -77,9 +85,9 @@ class MastStudy:
         """Return tables of input, guys, mast and foundations, and sentences on what governs."""
         found, tables = self.results, _tables(self)
         gusts = np.array([x.gust is not None for x in self.job.states.values()])
-        own = np.ones(np.shape(found.status), bool)
-        own[~gusts, :, 1:] = False  # without gusts every patch is the mean
-        count, directions, patches = own.shape
+        count, directions, patches = np.shape(found.status)
+        own = gusts[:, None, None] | (np.arange(patches) == 0)  # else every patch is the mean
+        own = np.broadcast_to(own, np.shape(found.status))
         blown = f"the mean wind and gusts on {patches - 1} patches" if gusts.any() else "no gusts"
         sentences = [
             f"status {self.status}: {status.describe(self.status)}",
@@ -88,14 +96,13 @@ class MastStudy:
         ]
         if not self.built.solution.stable:
             sentences.append("the mast as built is not stable in calm air")
-        failed = np.asarray(found.status) != status.OK
-        unstable = ~np.asarray(found.stable) & ~failed
+        failed = own & (np.asarray(found.status) != status.OK)
+        unstable = own & ~failed & ~np.asarray(found.stable)
         for text, bad in (("no results of", failed), ("not stable:", unstable)):
-            if (bad := bad & own).any():
+            if bad.any():
                 k, d, p = np.argwhere(bad)[0]
-                sentences.append(
-                    f"{text} {bad.sum()} cases, the first {_case(found, k, d)}, {found.patches[p]}"
-                )
+                first = f"{_case(found, k, d)}, {found.patches[p]}"
+                sentences.append(f"{text} {bad.sum()} cases, the first {first}")
         guys, mast = tables["guys"].rows, tables["mast"].rows
         if guys[0][5] is not None:
             most, least = max(guys, key=lambda x: x[5]), min(guys, key=lambda x: x[7])
@@ -146,17 +153,15 @@ def study_mast(job: MastJob) -> MastStudy:
 def _overloads(study):
     """Return sentences on states that break guys, or that the mast does not stand, a list."""
     used = np.asarray(study.high.tensions).max(-1) / np.asarray(study.job.mast.of_guys("strength"))
-    lean = np.degrees(study.envelopes()["sway"])
-    limits = {
-        "guys above their strength, analysed as if they held,": (used, 1.0, "{:.0%}"),
-        "the mast falls, or has numbers in other units: its axis leans": (lean, _FALLEN, "{:.0f}°"),
-    }
+    lean = study.envelopes()["sway"]
+    over, lean = "guys above their strength, analysed as if they held,", np.degrees(lean)
+    fallen = "the mast falls, or has numbers in other units: its axis leans, degrees,"
     found = []
-    for text, (values, limit, shown) in limits.items():
+    for text, values, limit, shown in ((over, used, 1, ".0%"), (fallen, lean, _FALLEN, ".0f")):
         most = np.fmax.reduce(values, axis=(1, 2))  # NaN: failed, which the status says
-        pairs = zip(study.results.names, most, strict=True)
-        if over := [f"{name!r} ({shown.format(x)})" for name, x in pairs if x > limit]:
-            found.append(f"{text} in the states {', '.join(over)}")
+        pairs = [*zip(study.results.names, most, strict=True)]
+        if states := [f"{name!r} ({x:{shown}})" for name, x in pairs if x > limit]:
+            found.append(f"{text} in the states {', '.join(states)}")
     return found
 
 
@@ -185,58 +190,47 @@ def _tables(study):
     mast, every = study.job.mast, study.envelopes()
     low, high = (jax.tree.map(np.asarray, x) for x in (study.low, study.high))
     fields = "top", "EA", "EI", "GJ", "weight", "drag_area"
-    rows = [tuple(float(getattr(x, k)) for k in fields) for x in mast.sections]
-    heads = ("top", "m"), ("EA", "N"), ("EI", "N m2"), ("GJ", "N m2"), ("weight", "N/m")
-    columns = columns_of_rows(rows, *heads, ("drag area", "m2/m"))
-    tables = {"sections": make_table("Sections of the mast", columns)}
+    rows = [[float(getattr(x, k)) for k in fields] for x in mast.sections]
+    tables = {"sections": _table(_SECTIONS, rows)}
     factors = "wind_factor", "weight_factor", "ice"
-    rows = [
-        (name, x.wind.describe(), *(float(getattr(x, k)) for k in factors))
-        for name, x in study.job.states.items()
-    ]
-    heads = "state", "wind", ("wind factor", "-"), ("weight factor", "-"), ("ice", "m", "at 10 m")
-    tables["states"] = make_table("States", columns_of_rows(rows, *heads))
+    states = study.job.states.items()
+    rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]
+    tables["states"] = _table(_STATES, rows)
     most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
     built, names = np.asarray(study.built.tensions), mast.guy_names
     lengths = np.asarray(study.built.rest_length).tolist()
     guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
-    heads = (
-        *("guy", ("length", "m", "unstressed length"), ("as built", "N", "at anchor")),
-        *(("at mast", "N"), ("largest", "N"), ("utilization", "-", "of strength"), "largest in"),
-        *(("smallest", "N"), "smallest in"),
-    )
-    columns = columns_of_rows([*zip(*guys, strict=True)], *heads)
-    tables["guys"] = make_table("Tensions of guys", columns)
+    tables["guys"] = _table(_GUYS, zip(*guys, strict=True))
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
     for k, pick in (("N", np.nanargmin), ("V", np.nanargmax), ("M", np.nanargmax)):
         at_nodes = _at_nodes(every[k], np.fmin if k == "N" else np.fmax)
         columns += _governing(study, at_nodes, pick)[: 2 if k == "M" else 1]
-    heads = (
-        *(("height", "m"), ("displacement", "m", "horizontal"), "largest in", ("sway", "deg")),
-        *(("twist", "deg"), ("N", "N", "smallest N"), ("V", "N"), ("M", "N m"), "M in"),
-    )
-    rows = [*zip(heights, *columns, strict=True)]
-    tables["mast"] = make_table("Envelope of the mast", columns_of_rows(rows, *heads), (_NOTE,))
+    tables["mast"] = _table(_MAST, zip(heights, *columns, strict=True), _NOTE)
     size = jax.tree.map(lambda x, y: np.maximum(np.abs(x), np.abs(y)), low, high)
-    parts = {
-        ("base", "downwards, N"): high.base[..., 2],
-        ("base", "horizontal, N"): np.hypot(size.base[..., 0], size.base[..., 1]),
-        ("base", "moment, N m"): np.hypot(size.base_moment[..., 0], size.base_moment[..., 1]),
-        ("base", "torsion, N m"): size.base_moment[..., 2],
-    }
-    if mast.base == "hinged":
-        del parts["base", "moment, N m"]
-    for j, text in ((0, "towards the mast, N"), (2, "upwards, N")):
+    bending = np.hypot(size.base_moment[..., 0], size.base_moment[..., 1])
+    parts = {("base", "downwards"): high.base[..., 2]}
+    parts["base", "horizontal"] = np.hypot(size.base[..., 0], size.base[..., 1])
+    for j, text in ((0, "towards the mast"), (2, "upwards")):
         parts |= {(f"anchor {n}", text): high.anchors[..., k, j] for k, n in enumerate(names)}
-    values, cases = _governing(study, np.stack([*parts.values()], axis=-1))
-    rows = [(*key, x, case) for key, x, case in zip(parts, values, cases, strict=True)]
-    heads = "at", "component", ("largest", ""), "in"
-    tables["foundations"] = make_table("Forces on foundations", columns_of_rows(rows, *heads))
+    moments = {} if mast.base == "hinged" else {("base", "bending"): bending}
+    moments["base", "torsion"] = size.base_moment[..., 2]
+    values, cases = _governing(study, np.stack([*parts.values(), *moments.values()], axis=-1))
+    sizes = [(x, None) for x in values[: len(parts)]] + [(None, x) for x in values[len(parts) :]]
+    every = zip((parts | moments), sizes, cases, strict=True)
+    rows = [(*key, *pair, case) for key, pair, case in every]
+    tables["foundations"] = _table(_FOUNDATIONS, rows)
     return tables
+
+
+def _table(heads, rows, *notes):
+    """Return a table of rows; heads: title, then name, unit and heading of each column."""
+    title, *heads = heads.split("; ")
+    named = [tuple(x.split(", ")) if ", " in x else x for x in heads]
+    return make_table(title, columns_of_rows([*rows], *named), notes)
 
 
 def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figure:
@@ -278,10 +272,9 @@ def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figu
         for k, values in enumerate(
             (np.fmin if name == "N" else np.fmax).reduce(curves[name], axis=1)
         ):
-            color, label = style.SERIES[k % len(style.SERIES)], study.results.names[k]
-            own.plot(
-                factor * values, places, color=color, **({"label": label} if name == "M" else {})
-            )
+            color = style.SERIES[k % len(style.SERIES)]
+            label = study.results.names[k] if name == "M" else None
+            own.plot(factor * values, places, color=color, label=label)
         own.set_xlabel(f"{name}, {unit}")
     figure.legend(loc="outside lower center", ncols=4, **style.LEGEND)
     return style.finish_figure(figure, path)
