@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+_SHARED = "of guys on one anchor add the forces; their largest ones may not act together"
 _FALLEN = 10.0  # degrees by which no mast leans that stands
 
 _SECTIONS = "Sections of the mast; top, m; EA, N; EI, N m2; GJ, N m2; weight, N/m; drag area, m2/m"
@@ -220,9 +221,9 @@ def _tables(study):
     moments["base", "torsion"] = size.base_moment[..., 2]
     values, cases = _governing(study, np.stack([*parts.values(), *moments.values()], axis=-1))
     sizes = [(x, None) for x in values[: len(parts)]] + [(None, x) for x in values[len(parts) :]]
-    every = zip((parts | moments), sizes, cases, strict=True)
-    rows = [(*key, *pair, case) for key, pair, case in every]
-    tables["foundations"] = _table(_FOUNDATIONS, rows)
+    at = zip(*(parts | moments), strict=True)
+    rows = zip(*at, *zip(*sizes, strict=True), cases, strict=True)
+    tables["foundations"] = _table(_FOUNDATIONS, rows, _SHARED)
     return tables
 
 
