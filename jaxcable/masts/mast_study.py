@@ -23,7 +23,14 @@ _NOTE = "V, M, displacement, sway: resultants of largest components along and ac
 _SHARED = "of guys on one anchor add the forces; their largest ones may not act together"
 _FALLEN = 10.0  # degrees by which no mast leans that stands
 
-_SECTIONS = "Sections of the mast; top, m; EA, N; EI, N m2; GJ, N m2; weight, N/m; drag area, m2/m"
+_INPUT = {
+    "sections": "Sections of the mast; top, m; EA, N; EI, N m2; GJ, N m2; weight, N/m; "
+    "drag area, m2/m",
+    "levels": "Levels of guys; height, m; radius, m; azimuths, deg; anchor height, m; EA, N; "
+    "weight, N/m; diameter, m; strength, N; arm, m",
+    "ancillaries": "Ancillaries; name; height, m; drag area, m2; weight, N; iced drag area, m2; "
+    "iced weight, N; offset, m; azimuth, deg",
+}
 _STATES = "States; state; wind; wind factor, -; weight factor, -; ice, m, ice at 10 m"
 _GUYS = "Tensions of guys; guy; length, m, unstressed length; as built, N, at anchor; at mast, N; \
 largest, N; utilization, -, of strength; largest in; smallest, N; smallest in"
@@ -179,6 +186,14 @@ def _governing(study, values, pick=np.nanargmax):
     return values.reshape(flat.shape)[at, np.arange(len(at))].tolist(), cases
 
 
+def _cell(value):
+    """Return a field for a table: a number, a text, or numbers that differ as a text."""
+    if value is None or isinstance(value, str):
+        return value
+    different = np.unique(value)
+    return float(different[0]) if len(different) == 1 else " ".join(f"{x:g}" for x in value)
+
+
 def _at_nodes(values, pick):
     """Return at nodes what is known at both ends of elements, [..., 2 n_element] to [..., n]."""
     upper = np.concatenate([values[..., :1], values[..., 1::2]], axis=-1)
@@ -190,9 +205,11 @@ def _tables(study):
     """Return the tables of a study by name: sections, states, guys, mast, foundations."""
     mast, every = study.job.mast, study.envelopes()
     low, high = (jax.tree.map(np.asarray, x) for x in (study.low, study.high))
-    fields = "top", "EA", "EI", "GJ", "weight", "drag_area"
-    rows = [[float(getattr(x, k)) for k in fields] for x in mast.sections]
-    tables = {"sections": _table(_SECTIONS, rows)}
+    tables = {}
+    for key, every_part in zip(_INPUT, (mast.sections, mast.guys, mast.ancillaries), strict=True):
+        fields = [x.split(", ")[0].replace(" ", "_") for x in _INPUT[key].split("; ")[1:]]
+        if rows := [[_cell(getattr(x, k)) for k in fields] for x in every_part]:
+            tables[key] = _table(_INPUT[key], rows)
     factors = "wind_factor", "weight_factor", "ice"
     states = study.job.states.items()
     rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]

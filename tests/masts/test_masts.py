@@ -284,6 +284,8 @@ def test_report_of_cases_that_have_failed(tmp_path):
     assert report.status == 1 and f"no results of {found.status.size} cases" in report.summary[2]
     assert report.tables["guys"].rows[0][5] is None and len(report.summary) == 3
     jc.masts.plot_mast(study, tmp_path / "mast.png")
+    assert report.tables["levels"].rows[1][:4] == [22.0, 16.0, "0 120 240", 0.0]
+    assert report.tables["ancillaries"].rows[0][:4] == ["ancillary", 23.0, 1.5, 900.0]
 
 
 def test_study_says_what_does_not_hold(monkeypatch):
