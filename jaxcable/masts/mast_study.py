@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from os import PathLike
 from typing import TYPE_CHECKING
 
@@ -114,7 +115,7 @@ class MastStudy:
         guys, mast = tables["guys"].rows, tables["mast"].rows
         if guys[0][5] is not None:
             most, least = max(guys, key=lambda x: x[5]), min(guys, key=lambda x: x[7])
-            moved, sway, twist = (max(mast, key=lambda x, k=k: x[k]) for k in (1, 3, 4))
+            moved, sway, twist = (max(mast, key=operator.itemgetter(k)) for k in (1, 3, 4))
             sentences += [
                 f"largest tension over strength: {most[5]:.1%} of guy {most[0]}, {most[6]}",
                 f"smallest tension of a guy: {least[7] / 1e3:.4g} kN of guy {least[0]}, {least[8]}",
