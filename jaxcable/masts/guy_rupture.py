@@ -54,9 +54,7 @@ def rupture(
         [[[0]]] [ 0.   15.12  0.3  15.12] kN
     """
     mast, structure, start = built.mast, built.structure, built.solution
-    if not 0 <= guy < len(built.rest_length):
-        raise ValueError(f"guy = {guy}: there are guys 0 to {len(built.rest_length) - 1}")
-    name = f"rupture of guy {mast.guy_names[guy]}"
+    name = f"rupture of guy {mast.guy_names[mast.index_of_guy(guy)]}"
     if state is not None:
         none = patterns_of_patches(mast)
         loads = state.loads(mast, direction, none[0][0], none[1][0])

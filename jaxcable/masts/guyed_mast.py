@@ -113,6 +113,13 @@ class GuyedMast:
             for azimuth in np.asarray(level.azimuths)
         ]
 
+    def index_of_guy(self, guy: int) -> int:
+        """Return the index of a guy; ValueError where there is none."""
+        count = len(self.guy_names)
+        if not isinstance(guy, int | np.integer) or not 0 <= guy < count:
+            raise ValueError(f"guy = {guy!r}: there are guys 0 to {count - 1}")
+        return int(guy)
+
     def of_guys(self, name: str) -> Float[Array, " n_guy"]:
         """Return a number of all guys, such as "strength", [n_guy], level after level."""
         every = [(getattr(level, name), len(level.azimuths)) for level in self.guys]
@@ -176,7 +183,9 @@ class GuyedMast:
     def guy_share(self, patch: Patch) -> Float[Array, " n_guy"]:
         """Return the share of the height of each guy that lies within a patch, [n_guy]."""
         every, xp = self.break_heights(), checks.numpy_or_jax(self)
-        low, high = self.of_guys("anchor_height"), self.of_guys("height")
+        ends = self.of_guys("anchor_height"), self.of_guys("height")
+        high = xp.maximum(*ends)
+        low = xp.minimum(xp.minimum(*ends), high - SAME_HEIGHT)  # a horizontal guy has some, too
         inside = xp.minimum(every[patch.high], high) - xp.maximum(every[patch.low], low)
         return xp.maximum(inside, 0.0) / (high - low)
 

@@ -217,12 +217,7 @@ def analyse(
     """
     if not states:
         raise ValueError("states: give at least one, by name")
-    if isinstance(directions, int | np.integer) and not isinstance(directions, bool):
-        checks.require_whole_number(directions, "directions")
-        directions = np.arange(directions) * 360.0 / directions
-    angles = checks.as_floats(directions, "directions")
-    if angles.ndim != 1 or not len(angles):
-        raise ValueError(f"directions: expected a number of them, or angles, got {directions!r}")
+    angles = wind_directions(directions)
     mast = built.mast
     patterns, shares = patterns_of_patches(mast)
     found: dict[str, Any] = {}
@@ -248,6 +243,17 @@ def analyse(
     status, stable = jnp.where(erected, status, built.status), stable & erected
     names = "mean", *(patch.name for patch in mast.layout.patches)
     return MastResults(tuple(states), angles, names, forces, status, stable)
+
+
+def wind_directions(directions):
+    """Return the angles of a number of directions, or those given, [n], degrees."""
+    if isinstance(directions, int | np.integer) and not isinstance(directions, bool):
+        checks.require_whole_number(directions, "directions")
+        directions = np.arange(directions) * 360.0 / directions
+    angles = checks.as_floats(directions, "directions")
+    if angles.ndim != 1 or not len(angles):
+        raise ValueError(f"directions: expected a number of them, or angles, got {directions!r}")
+    return angles
 
 
 def _stack_floats(*values):

@@ -77,7 +77,8 @@ class GuyLevel:
         drag: drag coefficient of a guy; 1.2 below the critical Reynolds number.
 
     Raises:
-        ValueError: fewer than two guys, wrong shapes, numbers that are not positive.
+        ValueError: fewer than two guys, wrong shapes, numbers that are not positive; azimuths of
+            arms without an arm.
 
     Example:
         >>> level = jc.masts.GuyLevel(30.0, 20.0, [0, 120, 240], 30e6, 16.0, 0.018, 3e5, 30e3)
@@ -102,16 +103,15 @@ class GuyLevel:
         azimuths = checks.as_floats(self.azimuths, "azimuths")
         if azimuths.ndim != 1 or len(azimuths) < 2:
             raise ValueError(f"azimuths: expected shape [n_guy], at least 2, got {azimuths.shape}")
+        if self.arm is None and self.arm_azimuths is not None:
+            raise ValueError("arm_azimuths: there is no arm; give its length")
         set_fields(self, azimuths=azimuths)
-        if self.arm_azimuths is None:
-            set_fields(self, arm_azimuths=azimuths)
         _convert_numbers(self, ("height", "EA", "weight", "diameter", "strength", "arm", "drag"))
-        for name in ("radius", "tension", "anchor_height", "arm_azimuths"):
-            value = checks.as_floats(getattr(self, name), name)
-            if value.shape not in ((), azimuths.shape):
-                raise ValueError(
-                    f"{name}: expected shape [] or {azimuths.shape}, got {value.shape}"
-                )
+        if self.arm is not None and self.arm_azimuths is None:
+            set_fields(self, arm_azimuths=azimuths)
+        names = "radius", "tension", "anchor_height", *["arm_azimuths"] * (self.arm is not None)
+        for name in names:
+            value = checks.floats_of_shape(getattr(self, name), name, (), azimuths.shape)
             xp = checks.numpy_or_jax(value)
             set_fields(self, **{name: xp.broadcast_to(value, azimuths.shape) + 0.0})
         refuse_if_broken([positive("tension", self.tension)])  # traced: the phase that has it

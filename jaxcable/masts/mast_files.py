@@ -13,6 +13,7 @@ from ..common.writing import atomic_write
 from ..files import codec
 from ..files.reading import FileError, read_json
 from .guyed_mast import GuyedMast
+from .mast_analysis import wind_directions
 from .mast_components import Ancillary, GuyLevel, MastSection
 from .mast_parts import guy_level, lattice_section, tube_section
 from .mast_states import MastState, eurocode_state, tia_state
@@ -92,7 +93,9 @@ def load_mast(path: str | PathLike[str]) -> MastJob:
     mast = _call(str(path), GuyedMast, parts | options)
     states = dict(head.get("states", {}))
     found = {name: _make(f"{path}: states.{name}", "states", row) for name, row in states.items()}
-    return MastJob(mast, found, head.get("directions", 12))
+    directions = head.get("directions", 12)
+    _call(str(path), wind_directions, {"directions": directions})
+    return MastJob(mast, found, directions)
 
 
 def _make(place, key, row):

@@ -9,6 +9,7 @@ import numpy as np
 from ..catalogue import cable as cable_of_catalogue
 from ..catalogue import profile_data
 from ..common import checks
+from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float
 from ..loads.masses import STANDARD_GRAVITY
 from ..sections import lattice
@@ -51,7 +52,7 @@ def lattice_drag(
         Drag coefficient, without unit.
 
     Raises:
-        ValueError: another number of sides, kind of members or standard.
+        ValueError: another number of sides, kind of members or standard; a solidity beyond 1.
 
     Example:
         >>> print(f"{jc.masts.lattice_drag(3, 0.2, 'flat'):.2f}")
@@ -63,7 +64,8 @@ def lattice_drag(
         raise ValueError(f"sides = {sides!r}: expected 3 or 4")
     checks.require_one_of(members, "members", ("flat", "round"))
     checks.require_one_of(standard, "standard", DRAG_RULES)
-    s, xp = solidity, checks.numpy_or_jax(solidity)
+    outside = Rule("solidity", solidity, lambda s: (s < 0) | (s > 1), "expected 0 to 1")
+    s, xp = nan_if_broken(outside), checks.numpy_or_jax(solidity)
     if standard == "EN 1993-3-1":
         first, second = (2.25, 1.5) if sides == 4 else (1.9, 1.4)
         if members == "flat":

@@ -32,9 +32,7 @@ def _guy(mast, guy):
     """Return the numbers of a guy: ends as drawn, in its vertical plane from x, weight and EA."""
     structure = mast.structure()
     own = structure.elements["guys"]
-    if not 0 <= guy < len(own.links):
-        raise ValueError(f"guy = {guy}: there are guys 0 to {len(own.links) - 1}")
-    low, high = np.asarray(structure.nodes)[own.links.array[guy]]
+    low, high = np.asarray(structure.nodes)[own.links.array[mast.index_of_guy(guy)]]
     reach = float(np.hypot(*(high - low)[:2]))
     ends = np.array([[0.0, 0.0, 0.0], [reach, 0.0, high[2] - low[2]]])
     return ends, float(own.weight[guy]), float(own.stiffness_with_spring[guy])
@@ -191,8 +189,8 @@ def retension(
         `Retensioning`.
 
     Raises:
-        ValueError: another number of tensions than guys, or of leans than levels; a scatter or
-            pitch that is not positive, an order that does not name each guy once.
+        ValueError: another number of tensions than guys, or of leans than levels; a tension,
+            scatter or pitch that is not positive, an order that does not name each guy once.
 
     Example:
         >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
@@ -211,7 +209,12 @@ def retension(
     order = list(range(count)) if order is None else [int(k) for k in order]
     if sorted(order) != list(range(count)):
         raise ValueError(f"order = {order}: expected each of the guys 0 to {count - 1} once")
-    for name, value in (("scatter", scatter), ("lean_scatter", of_lean), ("pitch", pitch)):
+    for name, value in (
+        ("measured", measured),
+        ("scatter", scatter),
+        ("lean_scatter", of_lean),
+        ("pitch", pitch),
+    ):
         if value is not None and not np.all(np.asarray(value) > 0):
             raise ValueError(f"{name} = {value}: must be positive")
     built = erect(mast)

@@ -3,23 +3,41 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from os import PathLike
 from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from ..common import status
+from ..common import checks, status
 from ..reporting import Report
 from ..reporting.table import columns_of_rows, make_table
 from .gust_effects import extremes
-from .mast_analysis import ErectedMast, MastForces, MastResults, analyse, erect
+from .mast_analysis import ErectedMast, MastForces, MastResults, analyse, erect, wind_directions
 from .mast_files import MastJob
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+_SHARED = "of guys on one anchor add the forces; their largest ones may not act together"
+_FALLEN = 10.0  # degrees by which no mast leans that stands
+
+_INPUT = {
+    "sections": "Sections of the mast; top, m; EA, N; EI, N m2; GJ, N m2; weight, N/m; "
+    "drag area, m2/m",
+    "levels": "Levels of guys; height, m; radius, m; azimuths, deg; anchor height, m; EA, N; "
+    "weight, N/m; diameter, m; strength, N; arm, m",
+    "ancillaries": "Ancillaries; name; height, m; drag area, m2; weight, N; iced drag area, m2; "
+    "iced weight, N; offset, m; azimuth, deg",
+}
+_STATES = "States; state; wind; wind factor, -; weight factor, -; ice, m, ice at 10 m"
+_GUYS = "Tensions of guys; guy; length, m, unstressed length; as built, N, at anchor; at mast, N; \
+largest, N; utilization, -, of strength; largest in; smallest, N; smallest in"
+_MAST = "Envelope of the mast; height, m; displacement, m, horizontal; largest in; sway, deg; \
+twist, deg; N, N, smallest N; V, N; M, N m; M in"
+_FOUNDATIONS = "Forces on foundations; at; component; force, N, largest; moment, N m, largest; in"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,28 +93,35 @@ class MastStudy:
     def report(self) -> Report:
         """Return tables of input, guys, mast and foundations, and sentences on what governs."""
         found, tables = self.results, _tables(self)
+        gusts = np.array([x.gust is not None for x in self.job.states.values()])
         count, directions, patches = np.shape(found.status)
+        own = gusts[:, None, None] | (np.arange(patches) == 0)  # else every patch is the mean
+        own = np.broadcast_to(own, np.shape(found.status))
+        blown = f"the mean wind and gusts on {patches - 1} patches" if gusts.any() else "no gusts"
         sentences = [
             f"status {self.status}: {status.describe(self.status)}",
-            f"{np.size(found.status)} cases: {count} states, {directions} directions, the mean "
-            f"wind and gusts on {patches - 1} patches",
+            f"{own.sum()} cases: {count} states, {directions} directions, {blown}",
+            *_overloads(self),
         ]
-        failed = np.asarray(found.status) != status.OK
-        for text, bad in (("no results of", failed), ("not stable:", ~np.asarray(found.stable))):
+        if not self.built.solution.stable:
+            sentences.append("the mast as built is not stable in calm air")
+        failed = own & (np.asarray(found.status) != status.OK)
+        unstable = own & ~failed & ~np.asarray(found.stable)
+        for text, bad in (("no results of", failed), ("not stable:", unstable)):
             if bad.any():
                 k, d, p = np.argwhere(bad)[0]
-                sentences.append(
-                    f"{text} {bad.sum()} cases, the first {_case(found, k, d)}, {found.patches[p]}"
-                )
+                first = f"{_case(found, k, d)}, {found.patches[p]}"
+                sentences.append(f"{text} {bad.sum()} cases, the first {first}")
         guys, mast = tables["guys"].rows, tables["mast"].rows
-        if np.isfinite([row[5] for row in guys]).any():
+        if guys[0][5] is not None:
             most, least = max(guys, key=lambda x: x[5]), min(guys, key=lambda x: x[7])
-            moved, sway = max(mast, key=lambda x: x[1]), max(mast, key=lambda x: x[3])
+            moved, sway, twist = (max(mast, key=operator.itemgetter(k)) for k in (1, 3, 4))
             sentences += [
                 f"largest tension over strength: {most[5]:.1%} of guy {most[0]}, {most[6]}",
-                f"smallest tension of a guy: {least[7]:.4g} N of guy {least[0]}, {least[8]}",
-                f"largest displacement: {moved[1]:.3f} m at {moved[0]:g} m, {moved[2]}",
-                f"largest sway of the axis: {sway[3]:.2f} degrees at {sway[0]:g} m",
+                f"smallest tension of a guy: {least[7] / 1e3:.4g} kN of guy {least[0]}, {least[8]}",
+                f"largest displacement: {moved[1]:.3f} m at {moved[0]:.4g} m, {moved[2]}",
+                f"largest sway of the axis: {sway[3]:.2f} degrees at {sway[0]:.4g} m",
+                f"largest twist: {twist[4]:.2f} degrees at {twist[0]:.4g} m",
             ]
         return Report(self.status, tuple(sentences), tables)
 
@@ -110,6 +135,9 @@ def study_mast(job: MastJob) -> MastStudy:
     Returns:
         `MastStudy`; its `report` has all tables.
 
+    Guys above their strength, and a mast that leans by more than 10 degrees, are results all the
+    same; an `InputWarning` names the states, and so does the report.
+
     Raises:
         ValueError: no states; as of `erect` and `analyse`.
 
@@ -121,9 +149,29 @@ def study_mast(job: MastJob) -> MastStudy:
         >>> print(jc.masts.study_mast(job).status)
         0
     """
+    angles = wind_directions(job.directions)  # wrong ones are refused before the work
     built = erect(job.mast)
-    results = analyse(built, job.states, job.directions)
-    return MastStudy(job, built, results, *extremes(results))
+    results = analyse(built, job.states, angles)
+    study = MastStudy(job, built, results, *extremes(results))
+    if checks.numpy_or_jax(study.high) is np:
+        for text in _overloads(study):
+            checks.warn_user(text)
+    return study
+
+
+def _overloads(study):
+    """Return sentences on states that break guys, or that the mast does not stand, a list."""
+    used = np.asarray(study.high.tensions).max(-1) / np.asarray(study.job.mast.of_guys("strength"))
+    lean = study.envelopes()["sway"]
+    over, lean = "guys above their strength, analysed as if they held,", np.degrees(lean)
+    fallen = "the mast falls, or has numbers in other units: its axis leans, degrees,"
+    found = []
+    for text, values, limit, shown in ((over, used, 1, ".0%"), (fallen, lean, _FALLEN, ".0f")):
+        most = np.fmax.reduce(values, axis=(1, 2))  # NaN: failed, which the status says
+        pairs = [*zip(study.results.names, most, strict=True)]
+        if states := [f"{name!r} ({x:{shown}})" for name, x in pairs if x > limit]:
+            found.append(f"{text} in the states {', '.join(states)}")
+    return found
 
 
 def _case(results, state, direction):
@@ -139,6 +187,14 @@ def _governing(study, values, pick=np.nanargmax):
     return values.reshape(flat.shape)[at, np.arange(len(at))].tolist(), cases
 
 
+def _cell(value):
+    """Return a field for a table: a number, a text, or numbers that differ as a text."""
+    if value is None or isinstance(value, str):
+        return value
+    different = np.unique(value)
+    return float(different[0]) if len(different) == 1 else " ".join(f"{x:g}" for x in value)
+
+
 def _at_nodes(values, pick):
     """Return at nodes what is known at both ends of elements, [..., 2 n_element] to [..., n]."""
     upper = np.concatenate([values[..., :1], values[..., 1::2]], axis=-1)
@@ -150,59 +206,50 @@ def _tables(study):
     """Return the tables of a study by name: sections, states, guys, mast, foundations."""
     mast, every = study.job.mast, study.envelopes()
     low, high = (jax.tree.map(np.asarray, x) for x in (study.low, study.high))
-    fields = "top", "EA", "EI", "GJ", "weight", "drag_area"
-    rows = [tuple(float(getattr(x, k)) for k in fields) for x in mast.sections]
-    heads = ("top", "m"), ("EA", "N"), ("EI", "N m2"), ("GJ", "N m2"), ("weight", "N/m")
-    columns = columns_of_rows(rows, *heads, ("drag area", "m2/m"))
-    tables = {"sections": make_table("Sections of the mast", columns)}
+    tables = {}
+    for key, every_part in zip(_INPUT, (mast.sections, mast.guys, mast.ancillaries), strict=True):
+        fields = [x.split(", ")[0].replace(" ", "_") for x in _INPUT[key].split("; ")[1:]]
+        if rows := [[_cell(getattr(x, k)) for k in fields] for x in every_part]:
+            tables[key] = _table(_INPUT[key], rows)
     factors = "wind_factor", "weight_factor", "ice"
-    rows = [
-        (name, x.wind.describe(), *(float(getattr(x, k)) for k in factors))
-        for name, x in study.job.states.items()
-    ]
-    heads = "state", "wind", ("wind factor", "-"), ("weight factor", "-"), ("ice", "m", "at 10 m")
-    tables["states"] = make_table("States", columns_of_rows(rows, *heads))
+    states = study.job.states.items()
+    rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]
+    tables["states"] = _table(_STATES, rows)
     most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
     built, names = np.asarray(study.built.tensions), mast.guy_names
     lengths = np.asarray(study.built.rest_length).tolist()
     guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
-    heads = (
-        *("guy", ("length", "m", "unstressed length"), ("as built", "N", "at anchor")),
-        *(("at mast", "N"), ("largest", "N"), ("utilization", "-", "of strength"), "largest in"),
-        *(("smallest", "N"), "smallest in"),
-    )
-    columns = columns_of_rows([*zip(*guys, strict=True)], *heads)
-    tables["guys"] = make_table("Tensions of guys", columns)
+    tables["guys"] = _table(_GUYS, zip(*guys, strict=True))
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
     for k, pick in (("N", np.nanargmin), ("V", np.nanargmax), ("M", np.nanargmax)):
         at_nodes = _at_nodes(every[k], np.fmin if k == "N" else np.fmax)
         columns += _governing(study, at_nodes, pick)[: 2 if k == "M" else 1]
-    heads = (
-        *(("height", "m"), ("displacement", "m", "horizontal"), "largest in", ("sway", "deg")),
-        *(("twist", "deg"), ("N", "N", "smallest N"), ("V", "N"), ("M", "N m"), "M in"),
-    )
-    rows = [*zip(heights, *columns, strict=True)]
-    tables["mast"] = make_table("Envelope of the mast", columns_of_rows(rows, *heads), (_NOTE,))
+    tables["mast"] = _table(_MAST, zip(heights, *columns, strict=True), _NOTE)
     size = jax.tree.map(lambda x, y: np.maximum(np.abs(x), np.abs(y)), low, high)
-    parts = {
-        ("base", "downwards, N"): high.base[..., 2],
-        ("base", "horizontal, N"): np.hypot(size.base[..., 0], size.base[..., 1]),
-        ("base", "moment, N m"): np.hypot(size.base_moment[..., 0], size.base_moment[..., 1]),
-        ("base", "torsion, N m"): size.base_moment[..., 2],
-    }
-    if mast.base == "hinged":
-        del parts["base", "moment, N m"]
-    for j, text in ((0, "towards the mast, N"), (2, "upwards, N")):
+    bending = np.hypot(size.base_moment[..., 0], size.base_moment[..., 1])
+    parts = {("base", "downwards"): high.base[..., 2]}
+    parts["base", "horizontal"] = np.hypot(size.base[..., 0], size.base[..., 1])
+    for j, text in ((0, "towards the mast"), (2, "upwards")):
         parts |= {(f"anchor {n}", text): high.anchors[..., k, j] for k, n in enumerate(names)}
-    values, cases = _governing(study, np.stack([*parts.values()], axis=-1))
-    rows = [(*key, x, case) for key, x, case in zip(parts, values, cases, strict=True)]
-    heads = "at", "component", ("largest", ""), "in"
-    tables["foundations"] = make_table("Forces on foundations", columns_of_rows(rows, *heads))
+    moments = {} if mast.base == "hinged" else {("base", "bending"): bending}
+    moments["base", "torsion"] = size.base_moment[..., 2]
+    values, cases = _governing(study, np.stack([*parts.values(), *moments.values()], axis=-1))
+    sizes = [(x, None) for x in values[: len(parts)]] + [(None, x) for x in values[len(parts) :]]
+    at = zip(*(parts | moments), strict=True)
+    rows = zip(*at, *zip(*sizes, strict=True), cases, strict=True)
+    tables["foundations"] = _table(_FOUNDATIONS, rows, _SHARED)
     return tables
+
+
+def _table(heads, rows, *notes):
+    """Return a table of rows; heads: title, then name, unit and heading of each column."""
+    title, *heads = heads.split("; ")
+    named = [tuple(x.split(", ")) if ", " in x else x for x in heads]
+    return make_table(title, columns_of_rows([*rows], *named), notes)
 
 
 def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figure:
@@ -241,11 +288,12 @@ def plot_mast(study: MastStudy, path: str | PathLike[str] | None = None) -> Figu
     units |= {"N": ("kN", 1e-3), "V": ("kN", 1e-3), "M": ("kN m", 1e-3)}
     for own, (name, (unit, factor)) in zip(axes[1:], units.items(), strict=True):
         places = heights if name in ("displacement", "sway") else np.repeat(heights, 2)[1:-1]
-        for k, values in enumerate((np.nanmin if name == "N" else np.nanmax)(curves[name], axis=1)):
-            color, label = style.SERIES[k % len(style.SERIES)], study.results.names[k]
-            own.plot(
-                factor * values, places, color=color, **({"label": label} if name == "M" else {})
-            )
+        for k, values in enumerate(
+            (np.fmin if name == "N" else np.fmax).reduce(curves[name], axis=1)
+        ):
+            color = style.SERIES[k % len(style.SERIES)]
+            label = study.results.names[k] if name == "M" else None
+            own.plot(factor * values, places, color=color, label=label)
         own.set_xlabel(f"{name}, {unit}")
     figure.legend(loc="outside lower center", ncols=4, **style.LEGEND)
     return style.finish_figure(figure, path)

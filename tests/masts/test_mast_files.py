@@ -66,6 +66,7 @@ REFUSED = {
         {"states": {"a": {"standard": "TIA-222", "velocity": 20, "ice": -1}}},
         "states.a: ice = -2.0: must not be negative",
     ),
+    "directions": ({"directions": 0}, "directions = 0: expected a whole number"),
     "heights": ({"guys": [*MAST["guys"][::-1]]}, "guys: heights [22.0, 12.0] m must increase"),
     "above": ({"ancillaries": [{"height": 25}]}, "ancillaries: heights [25.0] m, of 0 to 24 m"),
 }
@@ -80,6 +81,11 @@ def test_wrong_contents_are_refused(tmp_path, name):
     assert str(path) in str(caught.value) and text in str(caught.value)
 
 
+def mast_of(part, level):
+    """A mast of one section and one level of guys."""
+    return jc.masts.GuyedMast([part], [level])
+
+
 CALLS = {
     "base": (lambda part, level: jc.masts.GuyedMast([part], [level], base="fixed"), "base"),
     "sections": (lambda part, level: jc.masts.GuyedMast([level], [part]), "sections[0]: expected"),
@@ -89,6 +95,24 @@ CALLS = {
     "EA": (lambda part, level: jc.replace(part, EA=0.0), "EA"),
     "profile": (lambda part, level: jc.masts.tube_section(9.0, "IPE 300"), "is not round"),
     "sides": (lambda part, level: jc.masts.lattice_drag(5, 0.2), "sides = 5"),
+    "solidity": (lambda part, level: jc.masts.lattice_drag(3, 60.0), "solidity = 60.0: expected 0"),
+    "millimeters": (
+        lambda part, level: jc.masts.lattice_section(9.0, 3, 0.9, 0.9, leg=60.0, diagonal=20.0),
+        "solidity",
+    ),
+    "arms": (
+        lambda part, level: jc.masts.GuyLevel(9, 8, [0, 90], 1e6, 9, 1, 1e5, 1e4, 0, None, [1, 2]),
+        "arm_azimuths: there is no arm",
+    ),
+    "guy": (lambda part, level: mast_of(part, level).index_of_guy("1 at 0"), "guy = '1 at 0'"),
+    "frequency": (
+        lambda part, level: jc.masts.tension_from_frequency(mast_of(part, level), 3, 2.0),
+        "there are guys 0 to 2",
+    ),
+    "measured": (
+        lambda part, level: jc.masts.retension(mast_of(part, level), [1e4, -1e4, 1e4]),
+        "measured",
+    ),
     "wind": (lambda part, level: jc.masts.MastState(500.0), "wind: expected a wind profile"),
     "exposure": (lambda part, level: jc.masts.tia_state(30.0, "A"), "exposure"),
 }

@@ -37,6 +37,12 @@ CONSTANT = jc.masts.MastState(
 EUROCODE = jc.masts.eurocode_state(26.0, "II", wind_factor=1.3, ice=0.01, weight_factor=1.1)
 
 
+def study_of(found):
+    """The study of the small mast in the state CONSTANT."""
+    job = jc.masts.MastJob(small_mast(), {"ice": CONSTANT}, [40.0])
+    return jc.masts.MastStudy(job, built(), found, *jc.masts.extremes(found))
+
+
 @functools.cache
 def analysed(state=CONSTANT):
     """The cases of the small mast in one state with ice and gusts, wind to one direction."""
@@ -249,6 +255,17 @@ def free_body(found, pressure, patch, tolerance, of_moments):
     assert np.abs(error[:2]).max() < of_moments * np.linalg.norm(moment[:2])
 
 
+def test_gusts_act_on_guys_by_their_height():
+    def shares(anchor_height):
+        level = jc.masts.guy_level(12.0, 12.0, AZIMUTHS, CABLE, anchor_height=anchor_height)
+        mast = jc.replace(small_mast(), guys=[level, small_mast().guys[1]])
+        return [mast.guy_share(patch)[0] for patch in mast.layout.patches[:3]]
+
+    np.testing.assert_allclose(shares(4.0), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(shares(16.0), [0.0, 1.0, 0.0], atol=1e-12)  # anchors on a hill
+    np.testing.assert_allclose(shares(12.0), [1.0, 0.0, 0.0], atol=1e-9)  # horizontal guys
+
+
 def test_gusts_are_combined_by_the_root_of_their_squares():
     found = analysed()
     low, high = jc.masts.extremes(found)
@@ -257,6 +274,33 @@ def test_gusts_are_combined_by_the_root_of_their_squares():
     np.testing.assert_allclose(high.moment[0, 0], every[0] + spread, rtol=1e-12)
     np.testing.assert_allclose(low.moment[0, 0], every[0] - spread, rtol=1e-12)
     assert found.patches == ("mean", *(p.name for p in built().mast.layout.patches))
+
+
+def test_report_of_cases_that_have_failed(tmp_path):
+    found = jax.tree.map(lambda x: x + jnp.nan, analysed().forces)
+    found = jc.replace(analysed(), forces=found, status=analysed().status + 1)
+    study = study_of(found)
+    report = study.report()
+    assert report.status == 1 and f"no results of {found.status.size} cases" in report.summary[2]
+    assert report.tables["guys"].rows[0][5] is None and len(report.summary) == 3
+    jc.masts.plot_mast(study, tmp_path / "mast.png")
+    assert report.tables["levels"].rows[1][:4] == [22.0, 16.0, "0 120 240", 0.0]
+    assert report.tables["ancillaries"].rows[0][:4] == ["ancillary", 23.0, 1.5, 900.0]
+
+
+def test_study_says_what_does_not_hold(monkeypatch):
+    monkeypatch.setattr("jaxcable.masts.mast_study.erect", lambda mast: built())
+    for name, factor, text in (
+        ("tensions", 10.0, "above their strength"),
+        ("rotation", 50.0, "the mast falls"),
+    ):
+        forces = analysed().forces
+        forces = jc.replace(forces, **{name: factor * getattr(forces, name)})
+        found = jc.replace(analysed(), forces=forces)
+        monkeypatch.setattr("jaxcable.masts.mast_study.analyse", lambda *_, found=found: found)
+        with pytest.warns(jc.InputWarning, match=text):
+            study = jc.masts.study_mast(study_of(found).job)
+        assert text in study.report().summary[2] and "'ice' (" in study.report().summary[2]
 
 
 @pytest.mark.slow
