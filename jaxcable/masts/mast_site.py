@@ -186,7 +186,7 @@ def retension(
         order: indices of guys; default from the lowest level upwards.
 
     Returns:
-        `Retensioning`.
+        `Retensioning`; NaN where its status is not 0.
 
     Raises:
         ValueError: another number of tensions than guys, or of leans than levels; a tension,
@@ -238,10 +238,9 @@ def retension(
     tensions, leans = zip(*map(readings_of, solution.phases), strict=True)
     codes = jnp.stack([built.status, found.status, solution.status])
     turns = jnp.full(count, jnp.nan) if pitch is None else longer / pitch
-    steps = jnp.stack(tensions[1:])
-    return Retensioning(
-        *(longer, turns, tensions[0], leans[0], jnp.array(order), steps, jnp.max(codes))
-    )
+    values = longer, turns, tensions[0], leans[0], jnp.stack(tensions[1:])
+    kept = [jnp.where(jnp.max(codes) == status.OK, x, jnp.nan) for x in values]
+    return Retensioning(*kept[:4], jnp.array(order), kept[4], jnp.max(codes))
 
 
 def with_tensions(mast: GuyedMast, tensions: Float[ArrayLike, " n_guy"]) -> GuyedMast:

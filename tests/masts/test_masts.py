@@ -445,3 +445,14 @@ def test_retensioning_finds_the_lengths_of_guys():
     np.testing.assert_allclose(fitted.turns, longer / 0.005, atol=1e-3)
     np.testing.assert_allclose(fitted.readings[-1], found.tensions[:, 0], rtol=1e-5)
     np.testing.assert_allclose(fitted.fitted, tensions, rtol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:phase:jaxcable.UnstableWarning")  # a mast without its guys
+def test_a_retensioning_that_is_not_found_has_no_turns():
+    """Tensions in kN, taken for N: no lengths of guys come near them."""
+    mast = small_mast(element_length=6.0)
+    wrong = np.asarray(jc.masts.erect(mast).tensions[:, 0]) / 1e6
+    found = jc.masts.retension(mast, wrong, pitch=0.005)
+    assert int(found.status) != jc.status.OK
+    assert np.isnan(found.turns).all() and np.isnan(found.readings).all()
