@@ -238,9 +238,14 @@ def retension(
     tensions, leans = zip(*map(readings_of, solution.phases), strict=True)
     codes = jnp.stack([built.status, found.status, solution.status])
     turns = jnp.full(count, jnp.nan) if pitch is None else longer / pitch
-    values = longer, turns, tensions[0], leans[0], jnp.stack(tensions[1:])
-    kept = [jnp.where(jnp.max(codes) == status.OK, x, jnp.nan) for x in values]
-    return Retensioning(*kept[:4], jnp.array(order), kept[4], jnp.max(codes))
+    code = jnp.max(codes)
+
+    def known(x):
+        return jnp.where(code == status.OK, x, jnp.nan)
+
+    fitted = known(tensions[0]), known(leans[0])
+    steps = known(jnp.stack(tensions[1:]))
+    return Retensioning(known(longer), known(turns), *fitted, jnp.array(order), steps, code)
 
 
 def with_tensions(mast: GuyedMast, tensions: Float[ArrayLike, " n_guy"]) -> GuyedMast:
