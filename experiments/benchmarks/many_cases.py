@@ -224,7 +224,7 @@ def scheduler_alone(record, n_thread, seconds, delay):
         delaying_workers(scheduler.scheduler_address, 2, n_thread, delay),
     ):
         client.wait_for_workers(2, timeout=60)
-        task = SleepingTask(seconds, Settings.of_current_process(None))
+        task = SleepingTask(seconds, Settings.of_current_process())
         drawn = jc.studies.samples(np.asarray, count)
 
         def run(numbers):
