@@ -119,13 +119,20 @@ def verdict(structure, phases, solution, tol=None):
             hangs = isinstance(part.group, jc.Catenaries)
             line = weight / (part.warm * np.ones_like(part.rest))[:, None] if hangs else None
         ends, tension, stiffness, inner = _end_forces(part, nodes, moved, line)
+        claimed = _wide(jax.tree.leaves(solution.tension)[len(axial)])
+        unsure = np.where(part.blurred, NOISE * eps * stiffness, 0)
+        if line is not None:  # stiffer where it is tauter: between both lengths, no tangent
+            shorter = dataclasses.replace(part, rest=part.rest * (1 - NOISE * eps))
+            tauter = _end_forces(shorter, nodes, moved, line)[1]
+            unsure = np.where(part.blurred, np.maximum(tauter - tension, unsure), 0)
         np.add.at(force, links, ends)
-        np.add.at(size, links, np.sqrt((ends**2).sum(-1)) + inner[:, None])
+        # the promise counts from the tension that is claimed, where the digits of a length allow it
+        apart = np.minimum(np.abs(claimed - tension), unsure)
+        np.add.at(size, links, np.sqrt((ends**2).sum(-1)) + (inner + apart)[:, None])
         apart = moved[links].max((1, 2)) - moved[links].min((1, 2))
         if part.law.memory is not None:  # has the rounding of the strains that it has been through
             apart = np.maximum(apart, 2 * largest[links].max(1))
         grain = NOISE * eps * (stiffness * apart / part.chord + np.abs(tension) + inner)
-        unsure = NOISE * eps * np.where(part.blurred, stiffness, 0)
         np.add.at(noise, links, grain[:, None])
         np.add.at(blur, links, unsure[:, None])
         if not part.group.tension_only:
@@ -135,9 +142,8 @@ def verdict(structure, phases, solution, tol=None):
             own = 8 * eps * stiffness * u / length
             np.add.at(rounding, links, (own / length)[:, None, None] * vector[:, None, :])
         axial.append(tension)
-        own = _wide(jax.tree.leaves(solution.tension)[len(axial) - 1])
-        if np.any(np.abs(own - tension) > grain + unsure):
-            wrong.append(f"tension: {np.abs(own - tension).max():.3g} N apart")
+        if np.any(np.abs(claimed - tension) > grain + unsure):
+            wrong.append(f"tension: {np.abs(claimed - tension).max():.3g} N apart")
         own = _wide(jax.tree.leaves(solution.rest_length)[len(axial) - 1])
         if np.any(np.abs(own - part.rest) > 8 * eps * part.rest):
             wrong.append(f"rest_length: {np.abs(own - part.rest).max():.3g} m apart")
