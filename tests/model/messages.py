@@ -196,7 +196,12 @@ def rows(table):
 
 def run(call):
     """What a row calls, with the names of this module, and of the package without prefixes."""
-    names = {"plots": jc.plots} | vars(jc) | vars(reliability) | vars(design) | globals()
+    names = (
+        {name: getattr(jc, name) for name in jc.__all__}
+        | vars(reliability)
+        | vars(design)
+        | globals()
+    )
     return eval(call, names)
 
 

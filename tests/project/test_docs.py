@@ -23,7 +23,7 @@ NAMES = {"jax": jax, "jnp": jnp, "np": np, "jc": jc, "scenes": scenes}
 """What examples assume; the docstring of the package says so (and of scenes of the studies)."""
 
 PLACES = [jc, jc.loads, jc.sections, jc.elements]
-PLACES += [place for place in map(jc.__dict__.get, jc.__all__) if inspect.ismodule(place)]
+PLACES += [place for place in (getattr(jc, name) for name in jc.__all__) if inspect.ismodule(place)]
 PLACES.remove(jc.extend)  # bases, with one example for all of them, and names of elsewhere
 
 METHODS = {
