@@ -71,11 +71,12 @@ class Activation(NamedTuple):
             there = pack.concatenate([first[None], present])
             links = group.links.array
             over = pack.broadcast_to(there[:, :, None, None], (*there.shape, links.shape[1], 1))
+            own = width if group.gives_rotations else 3
             if pack is jnp:
-                touched = touched.at[:, links, : group.n_freedom].max(over)
+                touched = touched.at[:, links, :own].max(over)
             else:
                 for k in range(shape[0]):
-                    touched[k, links[there[k]].ravel(), : group.n_freedom] = True
+                    touched[k, links[there[k]].ravel(), :own] = True
         return ~_extend_active_dofs_to_joined_nodes(touched, structure, rows, pack)
 
 

@@ -41,7 +41,7 @@ def element_masses(
         weights, n_end = group.weights(state), group.links.shape[1] - group.n_inner_row
         if weights is None:
             blocks = jnp.zeros((len(group.links), 3 * n_end, 3 * n_end), x.dtype)
-        elif group.rotates:
+        elif group.gives_rotations:
             same, other = mass_shares(distribution or "lumped")
             shares = jnp.asarray([[same, other], [other, same]], x.dtype)
             shares = jnp.kron(shares, jnp.eye(3, dtype=x.dtype))

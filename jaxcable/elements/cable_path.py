@@ -1,16 +1,19 @@
 """Path of a cable over its nodes: straight segments, and arcs on saddles and pulleys with a radius.
 
-A node is the center of its saddle, whose groove lies in a plane that does not rotate, with the unit
-axis a about which the cable turns (right-hand rule). A straight segment with the direction u
-touches the circles of radius r at both of its ends at ``c + r m``, ``m = u x a / |u x a|``, so that
+A node is the center of its saddle, whose groove lies in a plane with the unit axis a about which
+the cable turns (right-hand rule). The saddle rotates with its node, if the motion has rotations. A
+straight segment with the direction u touches the circles of radius r at both of its ends at
+``c + r m``, ``m = u x a / |u x a|``, so that
 
     u = t / |t|,    t = c_2 + r_2 m_2(u) - c_1 - r_1 m_1(u).
 
 Within a plane Newton's method is just this: m changes along u only, so that putting u in again
 converges quadratically. The cable sticks or slips at the middle of its arc in the initial geometry,
-a point of the saddle that stays where it is: each half of the arc belongs to the segment beside it.
-When a segment swings by an angle about the axis, its tangent point moves by r times this angle, and
-so much cable leaves the arc, or comes onto it. (Derived for this package.)
+a point that is fixed to the saddle: each half of the arc belongs to the segment beside it. When a
+segment swings by an angle about the axis relative to the groove, its tangent point moves by r times
+this angle, and so much cable leaves the arc, or comes onto it. The tensions act on the saddle at
+the tangent points, and so with a moment about the node, ``r (T_2 - T_1) a`` if the segments lie in
+the plane: the work of this moment is that of the change of lengths. (Derived for this package.)
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from ..common.checks import numpy_or_jax
 from ..common.rules import Rule
 from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics.implicit_root import TangentSolver, implicit_root
+from ..numerics.rotations import invert, rotate
 from ..numerics.vectors import scalar_product
 from .element import Ends, Motion
 from .friction import deviation_angles
@@ -46,6 +50,8 @@ class CablePath(NamedTuple):
             [n_deviator], rad.
         contact_angle: of the arc on every saddle, [n_deviator], rad; negative where the cable would
             lift off; None without a radius.
+        axis: unit vectors about which the cable turns at every saddle, as the saddles are now,
+            [n_deviator, 3], zero where there is none; None without a radius.
     """
 
     along: Float[Array, "n 3"]
@@ -54,6 +60,7 @@ class CablePath(NamedTuple):
     initial_length: Float[Array, " n"]
     angle: Float[Array, " n_deviator"]
     contact_angle: Float[Array, " n_deviator"] | None = None
+    axis: Float[Array, "n_deviator 3"] | None = None
 
 
 class Saddles(NamedTuple):
@@ -86,19 +93,25 @@ def path_over_saddles(
     """Return the path of one cable over saddles and pulleys with a `radius`.
 
     `axis` None: that about which the polygon of the initial nodes turns. NaN where circles overlap.
+    With rotations, `motion` [n_end, 7], saddles rotate with their nodes.
     """
     start = ends[1:] - ends[:-1]
     saddles = _saddles_at(radius, axis, start)
-    relative = motion[1:] - motion[:-1]
+    relative = motion[1:, :3] - motion[:-1, :3]
+    rotation = motion[1:-1, 3:] if motion.shape[1] > 3 else None
     before, first = _tangents(saddles, start)
-    after, now = _tangents(saddles, start + relative)
+    axis_now = _rotated(rotation, saddles.axis)
+    after, now = _tangents(saddles._replace(axis=axis_now), start + relative)
     both = _norms(before.straight) + _norms(after.straight)
     moved = relative + (after.offset - before.offset)
     change = jnp.sum((2 * before.straight + moved) * moved, axis=1)
     change = change / jnp.where(both > 0, both, 1.0)
-    # by how much each segment swings about the axis behind it, and about that before it
-    behind = _angles_about(saddles.axis, first[1:], now[1:])
-    ahead = _angles_about(saddles.axis, first[:-1], now[:-1])
+    # by how much each segment swings about the axis behind it, and about that before it, as one
+    # that rotates with the saddle sees it
+    back = None if rotation is None else jax.vmap(invert)(rotation)
+    from_saddle, to_saddle = _rotated(back, now[1:]), _rotated(back, now[:-1])
+    behind = _angles_about(saddles.axis, first[1:], from_saddle)
+    ahead = _angles_about(saddles.axis, first[:-1], to_saddle)
     turned = _angles_about(saddles.axis, first[:-1], first[1:])
     # from a quarter turn back to three quarters: ropes turn by half a circle and more
     turned = jnp.where(turned < -0.5 * jnp.pi, turned + 2 * jnp.pi, turned)
@@ -107,11 +120,33 @@ def path_over_saddles(
     initial = _norms(before.straight) + jnp.pad(half, (1, 0)) + jnp.pad(half, (0, 1))
     change = change + jnp.pad(arc * behind, (1, 0)) - jnp.pad(arc * ahead, (0, 1))
     contact = turned + behind - ahead
-    tilt = _angles_from_plane(saddles.axis, now[1:]) - _angles_from_plane(saddles.axis, now[:-1])
+    tilt = _angles_from_plane(saddles.axis, from_saddle)
+    tilt = tilt - _angles_from_plane(saddles.axis, to_saddle)
     square = contact**2 + tilt**2
     angle = jnp.sqrt(jnp.where(square > 0, square, 1.0)) * (square > 0)
     angle = jnp.where(on, angle, deviation_angles(now[:-1], now[1:]))
-    return CablePath(now, initial + change, change, initial, angle, jnp.where(on, contact, 0.0))
+    contact = jnp.where(on, contact, 0.0)
+    axis_now = jnp.where(on[:, None], axis_now, 0.0)
+    return CablePath(now, initial + change, change, initial, angle, contact, axis_now)
+
+
+def saddle_moments(
+    path: CablePath,
+    radius: Float[Array, " n_deviator"],
+    before: Float[Array, " n_deviator"],
+    after: Float[Array, " n_deviator"],
+) -> Float[Array, "n_deviator 3"]:
+    """Return the moments of one cable on the nodes of its saddles, [n_deviator, 3], N m.
+
+    They are those about the nodes of the tensions `before` and `after` each saddle, N, which act at
+    the tangent points.
+    """
+
+    def moments(along, tension):
+        arm = radius[:, None] * _units(jnp.cross(along, path.axis))
+        return jnp.cross(arm, tension[:, None] * along)
+
+    return moments(path.along[1:], after) - moments(path.along[:-1], before)
 
 
 def saddle_rules(
@@ -171,6 +206,11 @@ def _saddles_at(radius, axis, start):
     length = _norms(start)
     on = (length[1:] > 0) & (length[:-1] > 0) & (radius > 0)
     return Saddles(jnp.where(on, radius, 0.0), _units(axis))
+
+
+def _rotated(rotation, vectors):
+    """Return vectors, [n, 3], rotated by unit quaternions, [n, 4]; None: they stay as they are."""
+    return vectors if rotation is None else jax.vmap(rotate)(rotation, vectors)
 
 
 def _tangents(saddles, chord):

@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float
-from .cable_path import CablePath
+from .cable_path import CablePath, saddle_moments
 from .element import Element, Ends, Motion
 from .element_state import OwnState
 from .friction import SegmentTensions, slips
@@ -26,7 +26,7 @@ class Slipping(Element):
 
 
 class DeviatorResults(Slipping):
-    """Results at the deviators of one cable with friction, all [n_deviator].
+    """Results at the deviators of one cable with friction, all [n_deviator] or [n_deviator, 3].
 
     Subclasses have `path` and `_segments_with_tensions`, as `FrictionCables`.
     """
@@ -91,3 +91,13 @@ class DeviatorResults(Slipping):
         side = jnp.sign(jnp.asarray(self.path(ends, motion).contact_angle))
         radius = jnp.asarray(self.radius)
         return side * jnp.maximum(before, after) / jnp.where(radius > 0, radius, 1.0)
+
+    def saddle_moment(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_deviator 3"]:
+        """Return the moment of one cable on the node of each saddle about x, y, z, N m.
+
+        It is that of both tensions at their tangent points; 0 without a radius.
+        """
+        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        return saddle_moments(self.path(ends, motion), jnp.asarray(self.radius), before, after)

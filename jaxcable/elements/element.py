@@ -86,7 +86,7 @@ class Element(abc.ABC):
             None if it has none. Area loads can then act on the group (`on`), and pictures and files
             draw the face. A face of four ends that names a node twice is a triangle.
         outline: the ends through which pictures draw an element; default: its face, or all ends.
-        rotates: whether the elements give their nodes rotations.
+        rotates: whether motions and end forces of the elements have rotations and moments.
         inner_unknowns, n_inner_row: indices (row, column) of the inner unknowns of an element
             (degrees of freedom of its own), and the number of rows of motion that they take after
             its ends.
@@ -154,6 +154,11 @@ class Element(abc.ABC):
     def n_motion(self) -> int:
         """Number of columns of a motion: 3 displacements, and a quaternion's 4 with rotations."""
         return 7 if self.rotates else 3
+
+    @property
+    def gives_rotations(self) -> bool:
+        """Whether nodes have rotations because the elements are joined to them."""
+        return self.rotates
 
     # --- the group
 

@@ -387,7 +387,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         segments, found = self._segments_with_tensions(state, ends, motion)
         real = segments.length > 0
         rate = elongations_and_rates(segments, found.tension)[1]
-        moved = jnp.max(jnp.abs(motion))
+        moved = jnp.max(jnp.abs(motion[:, :3]))
         if self.radius is not None:  # tangent points are rounded, too
             moved = moved + jnp.max(self.radius)
         moved = 8 * jnp.finfo(moved.dtype).eps * moved

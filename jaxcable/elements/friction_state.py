@@ -21,7 +21,9 @@ CONTACT_ARC = Result("contact_arc", "m")
 """Length of a cable on every saddle that has a radius; negative where it would lift off."""
 CONTACT_PRESSURE = Result("contact_pressure", "N/m")
 """Force per length of a cable on every saddle, the larger of the tensions over the radius."""
-CONTACT_RESULTS = CONTACT_ARC, CONTACT_PRESSURE
+SADDLE_MOMENT = Result("saddle_moment", "N m", ("x", "y", "z"))
+"""Moment of a cable on every node with a saddle that has a radius, about x, y, z."""
+CONTACT_RESULTS = CONTACT_ARC, CONTACT_PRESSURE, SADDLE_MOMENT
 """Results of saddles with a radius."""
 DEVIATOR_RESULTS = SLIP, FRICTION_USED, CLAMP_FORCE, *CONTACT_RESULTS
 """Results that have a number for every deviator."""

@@ -16,6 +16,7 @@ from ..common.tree import Indices, computed_once, copy_with, index_array, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
+from ..elements.rotating_saddles import with_rotating_saddles
 from ..spaces import Space, space_class
 from ..spaces.dof_map import MotionRows
 from . import coordinate_precision, plausibility
@@ -223,7 +224,7 @@ class Structure:
         """Return which nodes a beam end is joined to rigidly (without a hinge), [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
-            if group.rotates:
+            if group.gives_rotations:
                 loose = group.hinged_ends()
                 rigid = np.ones(group.links.shape, bool) if loose is None else ~loose
                 joined[group.links.array[rigid]] = True
@@ -242,11 +243,14 @@ class Structure:
 
         Returns:
             rows: `dof_map.MotionRows`, or None if every row is a node.
-            groups: element groups with row numbers in place of node numbers in their links.
+            groups: element groups with row numbers in place of node numbers in their links; cables
+                with saddles on nodes that rotate as `CablesOnRotatingSaddles`.
         """
         count = self.n_node
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
         for group in self.groups:
+            if self.space.rotates:
+                group = with_rotating_saddles(group, self.rotating_nodes(), self.nodes.dtype)
             links = group.links.array
             loose = group.hinged_ends()
             if loose is not None:

@@ -18,4 +18,4 @@ __all__ = ["RotatingNodes", "Space", "Translations", "space_class"]
 
 def space_class(groups: Iterable[ElementGroup]) -> type[Space]:
     """Return the class of `Space` that these element groups need: with rotations, or without."""
-    return RotatingNodes if any(group.rotates for group in groups) else Translations
+    return RotatingNodes if any(group.gives_rotations for group in groups) else Translations

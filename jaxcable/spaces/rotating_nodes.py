@@ -87,7 +87,7 @@ class RotatingNodes(Space):
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system; `rotation_length` is the mean length of rotating elements."""
-        turning = [group for group in groups if group.rotates]
+        turning = [group for group in groups if group.gives_rotations]
         arm = lax.stop_gradient(mean_length(turning, nodes))
         return cls(dof_map, prescribed, nodes, arm, support_rotation)
 

@@ -39,7 +39,10 @@ class ElementGroup(Protocol):
     """Protocol of a group of elements in a space: links, rotations of nodes, lengths."""
 
     links: Int[ArrayLike, "n_elem n_end"]
-    rotates: bool
+
+    @property
+    def gives_rotations(self) -> bool:
+        """Whether nodes have rotations because the elements are joined to them."""
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
         """Return the distance between the first two ends of every element, m."""

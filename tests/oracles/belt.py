@@ -29,15 +29,15 @@ def belt(centers, radii, turns):
     return direction, np.sqrt(apart**2 - differ**2), angle
 
 
-def lengths_to_marks(centers, initial, radii, turns):
+def lengths_to_marks(centers, initial, radii, turns, rotation=0.0):
     """Lengths of a belt between marks on its circles, [n], m, and the angles of its arcs.
 
     A mark is fixed to each circle in the middle of the arc that the belt has with the centers
-    `initial`; the circles do not rotate.
+    `initial`; the circles have rotated to the left since then by `rotation`, [n - 1], rad.
     """
     start, _, half = belt(initial, radii, turns)
     now, straight, angle = belt(centers, radii, turns)
     swing = (now - start + np.pi) % (2 * np.pi) - np.pi
-    after = radii * (half / 2 + swing[1:] * turns)
-    before = radii * (half / 2 - swing[:-1] * turns)
+    after = radii * (half / 2 + (swing[1:] - rotation) * turns)
+    before = radii * (half / 2 - (swing[:-1] - rotation) * turns)
     return straight + np.append(before, 0) + np.append(0, after), angle

@@ -1,0 +1,102 @@
+"""Cables with friction on saddles that rotate with their nodes, and give them their moments.
+
+`FrictionCables` know the displacements of their nodes only. Where a beam or a spring gives the node
+of a saddle rotations, `Structure.motion_rows` replaces them by the group of this module: the saddle
+is a rigid part of its node (`cable_path`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import copy_with, index_array, pytree, set_fields
+from ..common.types import ArrayLike, Bool, Float
+from ..numerics.rotations import conjugate_moment, move_node_by_series
+from .cable_path import saddle_moments
+from .element import Element, Ends, Forces, Motion
+from .element_state import OwnState
+from .friction_cables import FrictionCables
+from .friction_state import FrictionState
+from .sliding import forces_of_segments
+
+
+@pytree(indices=("links",), kw_only=True)
+class CablesOnRotatingSaddles(FrictionCables):
+    """A group of `FrictionCables` with a radius whose saddles rotate with their nodes.
+
+    It is made by `with_rotating_saddles`. The group gives no node rotations.
+
+    Args:
+        rotating: 1 where the node of a deviator has rotations, else 0, [n_elem, n_deviator]. A node
+            without rotations gets no moment.
+    """
+
+    rotating: Float[ArrayLike, "n_elem n_deviator"] = None  # type: ignore[assignment]  # given
+
+    rotates = True
+    per_element = (*FrictionCables.per_element, "rotating")  # type: ignore[assignment]  # one more
+
+    @property
+    def gives_rotations(self) -> bool:
+        """Whether nodes have rotations because of the group: False."""
+        return False
+
+    def without_friction(  # type: ignore[override]  # a group that has rotations, too
+        self, state: OwnState
+    ) -> tuple[CablesOnRotatingSaddles, FrictionState]:
+        """Return the cables and their state as they slide without friction, and without clamps."""
+        group = copy_with(self, friction=None, axle_friction=None, wobble=None)
+        return group, copy_with(state, clamped=jnp.zeros_like(state.clamped))
+
+    def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+        """Return the internal force and moment of one cable at every node, [n_end, 6], N, N m."""
+        path = self.path(ends, motion)
+        segments, found = self._segments_with_tensions(state, ends, motion)
+        tension = jnp.where(segments.length > 0, found.tension, 0.0)
+        force = forces_of_segments(tension[:, None] * path.along)
+        if state.line_load is not None:
+            force = force - self.sliding_load_forces(state, ends, motion)
+        radius = jnp.asarray(self.radius) * jnp.asarray(self.rotating)
+        moment = saddle_moments(path, radius, *found.at_deviators())
+        return jnp.concatenate([force, jnp.pad(-moment, ((1, 1), (0, 0)))], axis=1)
+
+    def end_forces_after_step(
+        self, state: OwnState, ends: Ends, motion: Motion, step: Forces
+    ) -> Forces:
+        """Return end forces after a `step` from a motion, work-conjugate to this step."""
+        moved = jax.vmap(move_node_by_series)(motion, step)
+        forces = self.end_forces(state, ends, moved)
+        moments = jax.vmap(conjugate_moment)(step[:, 3:], forces[:, 3:])
+        return jnp.concatenate([forces[:, :3], moments], axis=1)
+
+    def sliding_load_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+        """Return nodal forces of the sliding load of one cable minus its shares, [n_end, 3], N."""
+        return super().sliding_load_forces(state, ends, motion[:, :3])
+
+    def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+        """Return the error of the end forces from rounding, [n_end, 6], N and N m."""
+        force = super().rounding_error(state, ends, motion)
+        moment = jnp.pad(jnp.asarray(self.radius), 1) * jnp.sum(force, axis=1)
+        return jnp.concatenate([force, jnp.repeat(moment[:, None], 3, axis=1)], axis=1)
+
+
+def with_rotating_saddles(
+    group: Element, rotating_nodes: Bool[np.ndarray, " n_node"], dtype: Any
+) -> Element:
+    """Return a group as it is evaluated in a structure with rotations.
+
+    `FrictionCables` with a radius become `CablesOnRotatingSaddles` if any of their deviators is a
+    node that rotates, a mask [n_node]; others are returned as they are. `dtype` is that of nodes.
+    """
+    if type(group) is not FrictionCables or group.radius is None:
+        return group
+    rotating = rotating_nodes[np.asarray(index_array(group.links))[:, 1:-1]]
+    if not rotating.any():
+        return group
+    found = object.__new__(CablesOnRotatingSaddles)
+    set_fields(found, **vars(copy_with(group)), rotating=rotating.astype(dtype))
+    return found
