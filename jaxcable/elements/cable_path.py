@@ -1,7 +1,7 @@
 """Path of a cable over its nodes: straight segments, and arcs on saddles and pulleys with a radius.
 
 A node is the center of its saddle, whose groove lies in a plane with the unit axis a about which
-the cable turns (right-hand rule). The saddle rotates with its node, if the motion has rotations. A
+the cable turns (right-hand rule). The saddle rotates with its node, if this has a rotation. A
 straight segment with the direction u touches the circles of radius r at both of its ends at
 ``c + r m``, ``m = u x a / |u x a|``, so that
 
@@ -89,16 +89,16 @@ def path_over_saddles(
     axis: Float[Array, "n_deviator 3"] | None,
     ends: Ends,
     motion: Motion,
+    rotation: Float[Array, "n_deviator 4"] | None = None,
 ) -> CablePath:
     """Return the path of one cable over saddles and pulleys with a `radius`.
 
     `axis` None: that about which the polygon of the initial nodes turns. NaN where circles overlap.
-    With rotations, `motion` [n_end, 7], saddles rotate with their nodes.
+    Saddles have the `rotation` of their nodes, unit quaternions; None: they have none.
     """
     start = ends[1:] - ends[:-1]
     saddles = _saddles_at(radius, axis, start)
-    relative = motion[1:, :3] - motion[:-1, :3]
-    rotation = motion[1:-1, 3:] if motion.shape[1] > 3 else None
+    relative = motion[1:] - motion[:-1]
     before, first = _tangents(saddles, start)
     axis_now = _rotated(rotation, saddles.axis)
     after, now = _tangents(saddles._replace(axis=axis_now), start + relative)

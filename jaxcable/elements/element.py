@@ -87,6 +87,7 @@ class Element(abc.ABC):
             draw the face. A face of four ends that names a node twice is a triangle.
         outline: the ends through which pictures draw an element; default: its face, or all ends.
         rotates: whether motions and end forces of the elements have rotations and moments.
+        gives_rotations: whether nodes have rotations because of the elements; default: `rotates`.
         inner_unknowns, n_inner_row: indices (row, column) of the inner unknowns of an element
             (degrees of freedom of its own), and the number of rows of motion that they take after
             its ends.
@@ -123,6 +124,7 @@ class Element(abc.ABC):
     face: tuple[int, ...] | None = None
     outline: tuple[int, ...] | None = None
     rotates: bool = False
+    gives_rotations = property(lambda group: group.rotates)
     inner_unknowns: tuple[tuple[int, int], ...] = ()
     n_inner_row: int = 0
     weight: Float[ArrayLike, " n_elem"] | None = None
@@ -155,11 +157,6 @@ class Element(abc.ABC):
         """Number of columns of a motion: 3 displacements, and a quaternion's 4 with rotations."""
         return 7 if self.rotates else 3
 
-    @property
-    def gives_rotations(self) -> bool:
-        """Whether nodes have rotations because the elements are joined to them."""
-        return self.rotates
-
     # --- the group
 
     def rules(self) -> list[Rule]:
@@ -191,9 +188,7 @@ class Element(abc.ABC):
 
         Solvers measure steps by this length. It is empty, [0], for elements with one end.
         """
-        if ends.shape[1] < 2:
-            return jnp.zeros(0, ends.dtype)
-        return chord_lengths(ends)
+        return chord_lengths(ends) if ends.shape[1] > 1 else jnp.zeros(0, ends.dtype)
 
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]

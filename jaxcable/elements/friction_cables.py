@@ -67,7 +67,9 @@ class FrictionCables(DeviatorResults, SlidingCables):
     With a `radius` a node is the center of a circle, and tangent points move with the segments
     (`elements.cable_path`). `contact_arc` is the length on a saddle, `contact_pressure` its force
     per length, both negative where the cable would lift off. Each half of an arc has the tension of
-    the segment beside it. Friction on a radius gives the node no moment.
+    the segment beside it. Where beams or springs give the node rotations, the saddle rotates with
+    it, and the node gets the moment of the tensions at the tangent points (`saddle_moment`, about
+    x, y, z); where not, the saddle does not rotate, and no reaction contains this moment.
 
     Args:
         axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:

@@ -7,6 +7,7 @@ is a rigid part of its node (`cable_path`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ import numpy as np
 from ..common.tree import copy_with, index_array, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float
 from ..numerics.rotations import conjugate_moment, move_node_by_series
-from .cable_path import saddle_moments
+from .cable_path import CablePath, path_over_saddles, saddle_moments
 from .element import Element, Ends, Forces, Motion
 from .element_state import OwnState
 from .friction_cables import FrictionCables
@@ -35,15 +36,11 @@ class CablesOnRotatingSaddles(FrictionCables):
             without rotations gets no moment.
     """
 
-    rotating: Float[ArrayLike, "n_elem n_deviator"] = None  # type: ignore[assignment]  # given
+    rotating: Float[ArrayLike, "n_elem n_deviator"] = None  # always given
 
     rotates = True
-    per_element = (*FrictionCables.per_element, "rotating")  # type: ignore[assignment]  # one more
-
-    @property
-    def gives_rotations(self) -> bool:
-        """Whether nodes have rotations because of the group: False."""
-        return False
+    gives_rotations = False  # other elements give them
+    per_element = (*FrictionCables.per_element, "rotating")
 
     def without_friction(  # type: ignore[override]  # a group that has rotations, too
         self, state: OwnState
@@ -51,6 +48,10 @@ class CablesOnRotatingSaddles(FrictionCables):
         """Return the cables and their state as they slide without friction, and without clamps."""
         group = copy_with(self, friction=None, axle_friction=None, wobble=None)
         return group, copy_with(state, clamped=jnp.zeros_like(state.clamped))
+
+    def path(self, ends: Ends, motion: Motion) -> CablePath:
+        """Return the path of one cable over its nodes, whose saddles have rotated with them."""
+        return path_over_saddles(self.radius, self.axis, ends, motion[:, :3], motion[1:-1, 3:])
 
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force and moment of one cable at every node, [n_end, 6], N, N m."""
@@ -85,18 +86,22 @@ class CablesOnRotatingSaddles(FrictionCables):
 
 
 def with_rotating_saddles(
-    group: Element, rotating_nodes: Bool[np.ndarray, " n_node"], dtype: Any
-) -> Element:
-    """Return a group as it is evaluated in a structure with rotations.
+    groups: Sequence[Element], rotating_nodes: Bool[np.ndarray, " n_node"], dtype: Any
+) -> list[Element]:
+    """Return groups as they are evaluated in a structure where some nodes rotate, [n_node] bool.
 
     `FrictionCables` with a radius become `CablesOnRotatingSaddles` if any of their deviators is a
-    node that rotates, a mask [n_node]; others are returned as they are. `dtype` is that of nodes.
+    node that rotates; others stay as they are. `dtype` is that of the nodes.
     """
-    if type(group) is not FrictionCables or group.radius is None:
-        return group
-    rotating = rotating_nodes[np.asarray(index_array(group.links))[:, 1:-1]]
-    if not rotating.any():
-        return group
-    found = object.__new__(CablesOnRotatingSaddles)
-    set_fields(found, **vars(copy_with(group)), rotating=rotating.astype(dtype))
-    return found
+
+    def one(group):
+        if type(group) is not FrictionCables or group.radius is None:
+            return group
+        rotating = rotating_nodes[np.asarray(index_array(group.links))[:, 1:-1]]
+        if not rotating.any():
+            return group
+        found = object.__new__(CablesOnRotatingSaddles)
+        set_fields(found, **vars(copy_with(group)), rotating=rotating.astype(dtype))
+        return found
+
+    return [one(group) for group in groups]

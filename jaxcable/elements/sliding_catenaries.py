@@ -81,7 +81,7 @@ class SlidingCatenaries(FrictionCables):
     axis: None = None
 
     is_chain = False
-    results = (  # type: ignore[assignment]  # others than those of straight segments
+    results = (  # others than those of straight segments
         *(TENSION, PEAK_TENSION, SEGMENT_TENSION, SLIP, FRICTION_USED, CLAMP_FORCE),
         *(END_TENSIONS, SEGMENT_PULL, SEGMENT_LENGTH, SEGMENT_SAG),
     )

@@ -248,9 +248,7 @@ class Structure:
         """
         count = self.n_node
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
-        for group in self.groups:
-            if self.space.rotates:
-                group = with_rotating_saddles(group, self.rotating_nodes(), self.nodes.dtype)
+        for group in with_rotating_saddles(self.groups, self.rotating_nodes(), self.nodes.dtype):
             links = group.links.array
             loose = group.hinged_ends()
             if loose is not None:

@@ -11,6 +11,7 @@ from ..analysis.results import Results
 from ..common.negligible import NEGLIGIBLE, zero_negligible
 from ..common.types import Bool, Float, Int
 from ..common.units import SI
+from ..elements.friction_state import SADDLE_MOMENT
 from ..elements.sliding_catenaries import SlidingCatenaries
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
 from ..model.result_parts import (
@@ -251,7 +252,7 @@ def equilibrium_table(of: ReportedAnalysis) -> Table:
     """Return the table of the sums of loads and reactions; its notes give the unbalanced force.
 
     Reactions are those of supports, springs to the ground and bearings. Moments about the origin
-    are checked if all loads act at nodes.
+    are checked if all loads act at nodes; those of saddles on nodes without rotations count.
     """
     structure, state, units = of.structure, of.state, of.units
     load, reactions = np.asarray(state.load, float), np.array(state.reactions, float)
@@ -275,12 +276,32 @@ def equilibrium_table(of: ReportedAnalysis) -> Table:
     )
     if not any(hang):
         moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
+        moment += np.nansum(ground.values[:, 3:], axis=0)
+        if state.reaction_moments is not None:
+            moment += np.asarray(state.reaction_moments, float).sum(0)
+        held = _moments_held_by_saddles(structure, state)
+        moment -= held.sum(0)
         extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
         what, beside = (
             "unbalanced moment about the origin",
             "the sum of all forces times the extent",
         )
         notes.append(note(what, np.abs(moment).max(), "N m", beside, size * extent))
+        if held.any():
+            notes.append("with the moments of saddles on nodes without rotations, which hold them")
     else:
         notes.append("moment equilibrium not checked (beams or catenaries carry line loads)")
     return make_table("Global equilibrium", columns, notes)
+
+
+def _moments_held_by_saddles(structure, state):
+    """Return the moments of cables on saddles whose nodes have no rotations, [n, 3], N m.
+
+    What holds these nodes takes them, but they are in no reaction.
+    """
+    found, rotating = [np.zeros((0, 3))], structure.rotating_nodes()
+    known = values_per_group(structure, state.element_results.get(SADDLE_MOMENT.name))
+    for group, moments in zip(structure.groups, known, strict=True):
+        if moments is not None:
+            found.append(np.asarray(moments, float)[~rotating[group.links.array[:, 1:-1]]])
+    return np.concatenate(found)

@@ -13,6 +13,11 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
+from jaxcable import dynamics
+from jaxcable.common.tree import merge_indices, split_indices
+from jaxcable.elements import check
+from jaxcable.elements.rotating_saddles import with_rotating_saddles
+from jaxcable.mechanics.elementwise import evaluate_elements
 
 EA, HEIGHT, STIFFNESS, PRETENSION = 2e7, 8.0, 4e6, 5e5
 CENTERS = np.array([[-12.0, 0.0], [0.0, HEIGHT], [15.0, 1.0]])
@@ -107,3 +112,186 @@ def test_against_a_rigid_pylon(case):
         assert abs(moment) < 1e-8 * 1.5 * tension.max()
     else:
         assert abs(moment) > 0.01 * 1.5 * tension.max()
+
+
+# --- one cable in space
+
+
+NODES = np.array([[-4.0, 0.0, 0.0], [0.0, 0.3, 3.0], [3.0, -0.2, 2.0], [5.0, 0.0, -1.0]])
+SPATIAL = jc.FrictionCables(  # the second one has fillers
+    links=[[0, 1, 2, 3], [0, 2, 3]],
+    axial_stiffness=1e5,
+    friction=[[0.2, 0.02], [0.3, 0.0]],
+    radius=[[0.5, 0.3], [0.4, 0.2]],
+    axis=(0.0, 1.0, 0.1),
+    rest_length=[8.5, 6.9],
+)
+
+
+def in_space():
+    """The cables on saddles that all rotate, and a motion of the nodes."""
+    (group,) = with_rotating_saddles([SPATIAL], np.ones(4, bool), float)
+    shift, turn = np.random.default_rng(3).uniform(-0.1, 0.1, (2, 4, 3))
+    return group, (shift, Rotation.from_rotvec(turn))
+
+
+def evaluate(name, group, motions):
+    """Evaluate a method at several motions, pairs of displacements and rotations of SciPy."""
+    state = group.start(jnp.asarray(NODES)[group.links.array])
+    known = merge_indices(*split_indices(group))
+    rows = jnp.stack([np.hstack([u, r.as_quat(scalar_first=True)]) for u, r in motions])
+
+    def one(motion):
+        return evaluate_elements(name, known, state, jnp.asarray(NODES), motion)
+
+    return np.array(jax.vmap(one)(rows))
+
+
+def test_contract():
+    """Tangent and end forces after a step, in the plane of no saddle; also with fillers."""
+    group, _ = in_space()
+    assert check(group, NODES) is None
+
+
+def test_a_cable_is_in_equilibrium_and_rotates_as_a_whole():
+    """Forces and moments of one cable balance; turned with all saddles, it has them turned."""
+    group, (shift, rotation) = in_space()
+    whole = Rotation.from_rotvec([0.4, 1.1, -0.3])
+    away = whole.apply(NODES + shift) - NODES
+    found, turned = evaluate("end_forces", group, [(shift, rotation), (away, whole * rotation)])
+    size = np.abs(found[..., :3]).max()
+    assert (np.abs(found[0, 1:-1, 3:]).max(axis=1) > 1e-3 * size).all()
+    moments = np.cross((NODES + shift)[group.links.array], found[..., :3]) + found[..., 3:]
+    for sums in (found[..., :3].sum(1), moments.sum(1)):
+        assert np.abs(sums).max() < 1e-12 * size * np.abs(NODES).max()
+    for part in (slice(3), slice(3, 6)):
+        expected = whole.apply(found[..., part].reshape(-1, 3)).reshape(2, 4, 3)
+        # lengths are rounded by some eps of 5 m, and tensions by EA eps
+        assert_allclose(turned[..., part], expected, atol=1e-10 * size)
+
+
+def test_tangent_by_differences():
+    """Rotations are composed by SciPy; a moment that stays is conjugate to ``m - spin x m / 2``."""
+    group, (shift, rotation) = in_space()
+    steps, h = np.eye(24).reshape(24, 4, 6), 1e-6
+    motions = [
+        (shift + h * s[:, :3], Rotation.from_rotvec(h * s[:, 3:]) * rotation)
+        for s in (*steps, *-steps)
+    ]
+    ahead, behind = np.split(evaluate("end_forces", group, motions)[:, 0], 2)  # without fillers
+    expected = (ahead - behind) / (2 * h)
+    expected[..., 3:] -= 0.5 * np.cross(steps[..., 3:], 0.5 * (ahead + behind)[..., 3:])
+    found = evaluate("tangent", group, [(shift, rotation)])[0, 0].reshape(24, 24)
+    # differences of forces have an error of eps / h, and of h^2
+    assert_allclose(found, expected.reshape(24, 24).T, atol=1e-8 * np.abs(found).max())
+
+
+# --- beams
+
+
+def on_beam_pylon(axial_stiffness=1.2e9):
+    """A newcomer's bridge: a clamped saddle of 3 m on a pylon of 40 m, of four beams."""
+    section = jc.Section.rectangle(3.0, 4.0, jc.Elastic(35e9), (4, 4))
+    up = [[0.0, 0.0, z] for z in np.linspace(0.0, 40.0, 5)]
+    stay = jc.FrictionCables(
+        links=[[0, 6, 1]], axial_stiffness=axial_stiffness, friction=0.25, radius=3.0
+    )
+    pylon = jc.Beams([[k, k + 1] for k in range(2, 6)], section=section)
+    held = jc.pinned([0, 1]) + jc.clamped([2])
+    nodes = [[-60.0, 0.0, 0.0], [80.0, 0.0, 0.0], *up]
+    return jc.Structure(nodes, {"stay": stay, "pylon": pylon}, held)
+
+
+def test_foot_of_a_beam_pylon():
+    """Tensions from the rotation of the top, and their moment about the foot at tangent points."""
+    pull = jc.Phase(pretension={"stay": 2e6}, clamped={"stay": 1})
+    anchor = jc.Phase(loads=jc.SupportMovement([1], (1.5, 0.0, 0.0)), increments=2)
+    solution = converged(jc.solve(on_beam_pylon(), [pull, anchor], TIGHT))
+    radius, initial = np.array([3.0]), np.array([[-60.0, 0.0], [0.0, 40.0], [80.0, 0.0]])
+    places = np.asarray(solution.positions)[[0, 6, 1]][:, [0, 2]]
+    angle = -float(solution.rotation_vector[6, 1])
+    start = lengths_to_marks(initial, initial, radius, [-1])[0]
+    length = lengths_to_marks(places, initial, radius, [-1], angle)[0]
+    tension = 1.2e9 * (length * (1 + 2e6 / 1.2e9) / start - 1)
+    # the first phase deforms the pylon, so that the stay loses some of its pretension
+    found = np.asarray(solution.element_results["segment_tension"]["stay"][0])
+    assert_allclose(found, tension, rtol=1e-9)
+    direction = belt(places, radius, [-1])[0]
+    points = places[1] + 3.0 * np.stack([-np.sin(direction), np.cos(direction)], 1)
+    pull = tension[:, None] * np.stack([np.cos(direction), np.sin(direction)], 1)
+    moments = points[:, 0] * pull[:, 1] - points[:, 1] * pull[:, 0]
+    foot = np.asarray(solution.reaction_moments)[2]
+    # the moment of supports about -y holds that of the stay
+    assert_allclose(foot, [0.0, moments[1] - moments[0], 0.0], atol=1e-9 * abs(foot[1]))
+    assert 3.0 * (tension[1] - tension[0]) > 0.05 * abs(foot[1])
+
+
+# --- with other nodes, in paths, in motions, in reports
+
+
+def test_saddles_without_rotations_are_the_same_beside_beams():
+    """A fixed saddle in a structure with beams gets no rotation; its moment acts on the support."""
+    nodes = [[-4.0, 0, 0], [0.0, 0, 3], [3.0, 0, 0], [0.0, 5, 0], [1.0, 5, 0]]
+    stay = jc.FrictionCables([[0, 1, 2]], axial_stiffness=EA, friction=0.2, radius=0.5)
+    beam = jc.Beams([[3, 4]], section=jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9), (2, 2)))
+    moves = jc.Phase(pretension={"stay": 1e4}, loads=jc.SupportMovement([2], (0.01, 0.02, 0.0)))
+    held, found = jc.pinned([0, 1, 2]), []
+    for elements, more in (({"stay": stay}, None), ({"stay": stay, "beam": beam}, jc.clamped([3]))):
+        used = np.array(nodes[: 3 if more is None else 5])
+        structure = jc.Structure(used, elements, held if more is None else held + more)
+        solution = converged(jc.solve(structure, moves, TIGHT))
+        found.append(solution.element_results)
+        if more is not None:
+            assert not np.asarray(solution.reaction_moments)[:3].any()
+    for name in ("segment_tension", "saddle_moment", "contact_arc"):
+        assert_allclose(found[1][name]["stay"], found[0][name]["stay"], rtol=1e-12, atol=1e-9)
+
+
+@pytest.mark.parametrize("rotates", [True, False])
+def test_balance_of_moments_in_reports(rotates):
+    """The moment of a saddle is in the balance, whatever holds it."""
+    structure = on_rigid_pylon()
+    if not rotates:
+        plain = jc.FrictionCables([[0, 1, 2]], axial_stiffness=EA, friction=0.2, radius=1.5)
+        structure = jc.Structure(structure.nodes[:3], {"stay": plain}, jc.pinned([0, 1, 2]))
+    solution = converged(jc.solve(structure, moved(moves=[0.4]), TIGHT))
+    moment = np.abs(solution.element_results["saddle_moment"]["stay"]).max()
+    table = jc.report(structure, solution).tables["equilibrium"]
+    (line,) = (note for note in table.notes if note.startswith("unbalanced moment"))
+    assert float(line.split(": ")[1].split()[0]) < 1e-9 * moment
+    assert any("saddles" in note for note in table.notes) is not rotates
+
+
+@pytest.mark.slow
+def test_derivatives():
+    """By radius, friction, and the stiffness of the foot, where the stay slips, then sticks."""
+
+    def top(p):
+        structure = on_rigid_pylon(p["mu"], p["radius"], p["foot"])
+        solution = jc.solve(structure, moved(moves=[0.4, -0.1]), TIGHT)
+        return solution.displacement[1, 0], solution.status
+
+    point = {"mu": jnp.array(0.06), "radius": jnp.array(1.5), "foot": jnp.array(STIFFNESS)}
+    assert_gradient(top, point)
+
+
+@pytest.mark.slow
+def test_paths_and_motions():
+    """A path has the equilibria of phases; a damped motion under a load ends in the same one."""
+    structure = on_rigid_pylon(1.5)
+    start = converged(jc.solve(structure, moved(moves=[]), TIGHT))
+    load = jc.NodalLoads([1], (3e4, 0.0, 0.0))
+    found = converged(jc.solve(structure, jc.Phase(loads=load), TIGHT, start=start))
+    path = converged(jc.trace_path(structure, jc.Phase(loads=load, increments=2), start=start))
+    assert_allclose(path.displacement[-1], found.displacement, atol=1e-9)
+    # a period is some 2 s; damping takes the motion away by exp(-20)
+    moving = dynamics.transient(
+        structure,
+        load,
+        start=start,
+        dt=0.05,
+        steps=600,
+        masses=jc.PointMasses([1], 4e4),
+        damping=dynamics.Rayleigh(1.5, 0.0),
+    )
+    assert_allclose(converged(moving).displacement[-1], found.displacement, atol=1e-8)
