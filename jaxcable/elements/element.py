@@ -87,7 +87,6 @@ class Element(abc.ABC):
             draw the face. A face of four ends that names a node twice is a triangle.
         outline: the ends through which pictures draw an element; default: its face, or all ends.
         rotates: whether motions and end forces of the elements have rotations and moments.
-        gives_rotations: whether nodes have rotations because of the elements; default: `rotates`.
         inner_unknowns, n_inner_row: indices (row, column) of the inner unknowns of an element
             (degrees of freedom of its own), and the number of rows of motion that they take after
             its ends.
@@ -124,7 +123,6 @@ class Element(abc.ABC):
     face: tuple[int, ...] | None = None
     outline: tuple[int, ...] | None = None
     rotates: bool = False
-    gives_rotations = property(lambda group: group.rotates)
     inner_unknowns: tuple[tuple[int, int], ...] = ()
     n_inner_row: int = 0
     weight: Float[ArrayLike, " n_elem"] | None = None
@@ -156,6 +154,11 @@ class Element(abc.ABC):
     def n_motion(self) -> int:
         """Number of columns of a motion: 3 displacements, and a quaternion's 4 with rotations."""
         return 7 if self.rotates else 3
+
+    @property
+    def gives_rotations(self) -> bool:
+        """Whether the elements give their nodes rotations; default: if they have rotations."""
+        return self.rotates
 
     # --- the group
 
@@ -197,8 +200,7 @@ class Element(abc.ABC):
 
         `ends` are their initial positions, m. The shares of an element add up to its amount.
         """
-        n_end = ends.shape[1]
-        return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
+        return jnp.repeat(amount[:, None] / ends.shape[1], ends.shape[1], axis=1)
 
     def weights(self, state: OwnState) -> Float[Array, " n_elem"] | None:
         """Return the weight of every element, [n_elem], N; None if the group has no weight."""
@@ -293,18 +295,16 @@ class Element(abc.ABC):
         """
         if self.rotates:
             still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
-            matrix = jax.jacfwd(lambda step: self.end_forces_after_step(state, ends, motion, step))(
-                still
-            )
+            matrix = jax.jacfwd(lambda s: self.end_forces_after_step(state, ends, motion, s))(still)
         else:
             matrix = jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
         if not self.inner_unknowns:
             return matrix
         rows, columns = np.array(self.inner_unknowns).T
         n_end = len(motion) - self.n_inner_row
-        at = (n_end + rows) * self.n_freedom + columns
-        at = np.concatenate([np.arange(n_end * self.n_freedom), at])
-        return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
+        own = (n_end + rows) * self.n_freedom + columns
+        kept = np.append(np.arange(n_end * self.n_freedom), own)
+        return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(kept, kept)]
 
     def evaluates_forces_with_tangent(self, state: OwnState) -> bool:
         """Return whether iterations call `forces_and_tangent`, for both in one evaluation.

@@ -40,11 +40,9 @@ class CablesOnRotatingSaddles(FrictionCables):
 
     rotates = True
     gives_rotations = False  # other elements give them
-    per_element = (*FrictionCables.per_element, "rotating")
+    per_element = (*FrictionCables.per_element, "rotating")  # type: ignore[assignment]  # one more
 
-    def without_friction(  # type: ignore[override]  # a group that has rotations, too
-        self, state: OwnState
-    ) -> tuple[CablesOnRotatingSaddles, FrictionState]:
+    def without_friction(self, state: OwnState) -> tuple[CablesOnRotatingSaddles, FrictionState]:
         """Return the cables and their state as they slide without friction, and without clamps."""
         group = copy_with(self, friction=None, axle_friction=None, wobble=None)
         return group, copy_with(state, clamped=jnp.zeros_like(state.clamped))
