@@ -53,8 +53,8 @@ def loss_of_cable(
     the elements to keep its shape takes a transient analysis instead.
 
     The forces are those at the ends of the deformed elements: tensions of cables and sliding
-    cables, end forces of catenaries, forces and moments of beams. Loads on the elements, weight
-    included, go with them: the forces contain their shares at the nodes.
+    cables, end forces of catenaries, forces and moments of beams, moments of saddles. Loads on the
+    elements, weight included, go with them: the forces contain their shares at the nodes.
 
     One mass on springs without damping swings to twice its new displacement, hence 2.0, which
     recommendations on stay cables have, too (Mozos and Aparicio 2010). Standards have factors from
@@ -224,11 +224,12 @@ def _require_active(structure, state, lost):
 def _loads_of_loss(structure, state, lost, factor):
     """Return `NodalLoads` that replace lost elements: their end forces on nodes, reversed.
 
-    Forces, N, and moments of beams, N m, are multiplied by `factor`; `lost` has masks by group.
+    Forces, N, and moments of beams and saddles, N m, are multiplied by `factor`; `lost` has masks
+    by group.
     """
     split = split_solution_state(structure, state, unknowns=False)
     total = _reversed_forces(*split, lost)
-    n_node, (rows, _) = structure.n_node, structure.motion_rows()
+    n_node, (rows, groups) = structure.n_node, structure.motion_rows()
     forces = total[:, :3]
     if rows is not None:  # a hinged end passes its force to its node; inner unknowns are no ends
         forces = jnp.where(rows.inner[:, None], 0.0, forces)
@@ -236,7 +237,8 @@ def _loads_of_loss(structure, state, lost, factor):
     pairs = list(zip(structure.groups, lost, strict=True))
     nodes = _nodes_of_elements(pairs)
     loads = [NodalLoads(nodes, factor * forces[nodes])]
-    turned = _nodes_of_elements([(group, mask) for group, mask in pairs if group.rotates])
+    own = zip(pairs, groups, strict=True)  # saddles rotate with nodes, too
+    turned = _nodes_of_elements([pair for pair, group in own if group.rotates])
     turned = turned[structure.rotating_nodes()[turned]]
     if len(turned):
         loads.append(NodalLoads(turned, np.zeros(3), factor * total[turned, 3:]))

@@ -206,7 +206,8 @@ def test_foot_of_a_beam_pylon():
     """Tensions from the rotation of the top, and their moment about the foot at tangent points."""
     pull = jc.Phase(pretension={"stay": 2e6}, clamped={"stay": 1})
     anchor = jc.Phase(loads=jc.SupportMovement([1], (1.5, 0.0, 0.0)), increments=2)
-    solution = converged(jc.solve(on_beam_pylon(), [pull, anchor], TIGHT))
+    structure = on_beam_pylon()
+    solution = converged(jc.solve(structure, [pull, anchor], TIGHT))
     radius, initial = np.array([3.0]), np.array([[-60.0, 0.0], [0.0, 40.0], [80.0, 0.0]])
     places = np.asarray(solution.positions)[[0, 6, 1]][:, [0, 2]]
     angle = -float(solution.rotation_vector[6, 1])
@@ -223,7 +224,12 @@ def test_foot_of_a_beam_pylon():
     foot = np.asarray(solution.reaction_moments)[2]
     # the moment of supports about -y holds that of the stay
     assert_allclose(foot, [0.0, moments[1] - moments[0], 0.0], atol=1e-9 * abs(foot[1]))
-    assert 3.0 * (tension[1] - tension[0]) > 0.05 * abs(foot[1])
+    moment = 3.0 * (tension[1] - tension[0])
+    assert moment > 0.05 * abs(foot[1])
+    # the loss of the stay takes its moment away
+    lost = jc.design.loss_of_cable(structure, solution, {"stay": [0]}).loads
+    (at_top,) = (load.moments for load in lost if load.has_moments)
+    assert_allclose(at_top, [[0.0, -moment, 0.0]], atol=1e-9 * moment)
 
 
 # --- with other nodes, in paths, in motions, in reports
