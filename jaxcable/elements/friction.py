@@ -170,7 +170,10 @@ def floats_per_deviator(
         values = checks.floats_of_shape(value, name, (3,), (*shape, 3), hint=hint)
         return checks.numpy_or_jax(values).broadcast_to(values, (*shape, 3))
     hint = "; one number, one for each cable, or one for each node between its ends"
-    values = checks.floats_of_shape(value, name, (), shape[:1], shape, hint=hint)
+    flat = [shape[1:]] if shape[0] == 1 else []  # of one cable
+    values = checks.floats_of_shape(value, name, (), shape[:1], *flat, shape, hint=hint)
+    if shape[0] == 1 and values.ndim == 1 and len(values) > 1:
+        values = values[None]
     values = values[:, None] if values.ndim == 1 else values
     return checks.numpy_or_jax(values).broadcast_to(values, shape)
 

@@ -74,15 +74,16 @@ class FrictionCables(DeviatorResults, SlidingCables):
             as of `SlidingCables`, and so are `links`; the law has no history variables.
         friction: coefficient of friction mu, without unit, scalar, [n_elem], or
             [n_elem, n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones
-            leave the last numbers unused); default 0.
+            leave the last numbers unused; one cable may have a flat list); default 0.
         axle_friction: of pulleys that turn with the cable, k, the friction coefficient of the axle
             times its radius over that of the pulley, without unit, likewise, below 1; default 0. It
             alone lets the tensions differ by k times the force on the axle; both add up in b.
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
         radius: of saddles and pulleys, given as `friction`, m; default 0, a point.
-        axis: vector without unit about which the cable turns there by the right-hand rule, [3] or
-            [n_elem, n_deviator, 3]. Default: that about which the polygon of initial nodes turns.
+        axis: vector without unit about which the cable turns there by the right-hand rule, normal
+            to its segments within 20 degrees, [3] or [n_elem, n_deviator, 3]. Default: that about
+            which the polygon of initial nodes turns.
 
     Raises:
         ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history;
@@ -128,6 +129,8 @@ class FrictionCables(DeviatorResults, SlidingCables):
         super().__post_init__()
         if index_array(self.links).shape[1] < 3:
             raise ValueError("links: no cable has a node between its ends; take Cables")
+        if self.axis is not None and self.radius is None:
+            raise ValueError("axis: of saddles and pulleys with a `radius`, which is not given")
         if any(law.n_memory for law in self._laws):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 

@@ -182,6 +182,12 @@ def test_lifts_off():
         (r"radius\[0, 1\] = 0.1: the polygon of the nodes is straight", {"radius": 0.1}),
         (r"radius\[0, 0\] = 0.1: `axis` is zero", {"radius": 0.1, "axis": (0.0, 0.0, 0.0)}),
         (r"axis: expected .*shape \(3,\) or \(1, 2, 3\), got \(2,\)", {"axis": [1.0, 0.0]}),
+        (
+            r"radius\[0, 0\] = 0.1: `axis` is zero there, or more",
+            {"radius": 0.1, "axis": (1, 1, 0)},
+        ),
+        (r"radius\[0, 0\] = 0.1: the cable turns against", {"radius": 0.1, "axis": (0, 1, 0)}),
+        (r"axis: of saddles and pulleys with a `radius`", {"axis": (0, 1, 0)}),
     ],
 )
 def test_messages(text, changes):

@@ -572,7 +572,7 @@ solve(net(elements={"net": HANGING}), Phase(built_sag={"net": 0.1}, loads=push()
 solve(net(elements=HANGING), Phase(horizontal_tension=1e-30, loads=SelfWeight()))
     # phases[0].horizontal_tension[0] = 1e-30: the cable would be 2.9e+29 times as long as its
 stated(ROPES, clamped={"rope": [1, 0, 0]})
-    # phases[0].clamped['rope']: expected one number, or shape (1, 2) with ... got shape (3,)
+    # phases[0].clamped['rope']: expected one number, or shape (1, 2) or (2,) ... got shape (3,)
 stated(ROPES, clamped={"rope": [[1], [0]]})  # phases[0].clamped['rope']: ... got shape (2, 1)
 stated(ROPES, clamped={"rope": [1, 0.5]})  # phases[0].clamped['rope'][0, 1] = 0.5: a clamp is open
 stated(ROPES, clamped={"net": 1})

@@ -23,6 +23,8 @@ NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])
 LINKS = np.array([[0, 1], [1, 2]])
 JOINED = np.array([[1.0], [0.0], [1.0]])
 """Times nodes: the first link has no length."""
+FLAT = np.array([[1.0, 1.0, 0.0]])
+"""Times nodes: they are on a straight line."""
 PULL = jc.NodalLoads([1], (0.0, 0.0, 1.0))
 DISC = jc.Section.disc(0.1, jc.Elastic(2e11), shape=(2, 2))
 LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
@@ -404,7 +406,10 @@ lambda v: code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]])), 1.0, JOINED
 ## elements/friction_cables.py
 rubbed("radius"), 0.01, -1.0  # radius: radius... = -1.0: must not be negative
 ## elements/cable_path.py
+lambda v: code(net(NODES * v, jc.FrictionCables, [[0, 1, 2]], radius=0.01)), 1.0, FLAT
+    # radius: radius...the polygon of the nodes is straight there
 rubbed("axis", radius=0.01), (0.0, 1.0, 0.3), (0.0, 0.0, 0.0)  # radius: radius...`axis` is zero
+rubbed("axis", radius=0.01), (0.0, 1.0, 0.3), (0.0, -1.0, 0.3)  # radius: ...turns against `axis`
 rubbed("radius"), 0.01, 100.0  # radius: radius... = 100.0: must not be larger than half
 ## elements/friction.py
 rubbed("friction"),  # rules: friction... = -1.0: must not be negative
