@@ -14,7 +14,7 @@ from .response import Transient
 def dynamic_factors(
     motion: Transient, before: Solution | State, after: Solution | State
 ) -> PyTree[Float[Array, " n_elem"]]:
-    """Return by how much the force of every element swings beyond its static change.
+    """Return the dynamic factor of each element: largest change of its force over the static one.
 
     For a cable that breaks these are the factors of `design.loss_of_cable`::
 
@@ -61,14 +61,15 @@ def dynamic_factors(
             *(last.tension, there),
             is_leaf=lambda x: x is None,
         )
-    return _largest_ratios(motion.tension, first.tension, last.tension, there)
+    return _largest_dynamic_factors(motion.tension, first.tension, last.tension, there)
 
 
 @as_program
-def _largest_ratios(history, before, after, there):
-    """Return the largest of (history - before) / (after - before), a pytree of [n_elem].
+def _largest_dynamic_factors(history, before, after, there):
+    """Return the largest value in time of (history - before) / (after - before), [n_elem] each.
 
-    NaN where it is not `there` after the event, a pytree of [n_elem].
+    `history` has forces in time, [steps + 1, n_elem], `there` is 1 for elements that are present
+    after the event. NaN where an element is absent then, or its static force does not change.
     """
     forces = jax.tree.leaves((before, after))
     largest = jnp.max(jnp.concatenate([jnp.max(jnp.abs(x), keepdims=True) for x in forces]))
