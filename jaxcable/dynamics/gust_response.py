@@ -217,17 +217,17 @@ def _modal_covariances(turbulence, points, mean_forces, shape, squared, modal_ma
     return jnp.where(kept, covariance, jnp.nan), jnp.where(kept, rates, jnp.nan)
 
 
-def _integration_frequencies(own, damping):
+def _integration_frequencies(natural, damping):
     """Return the frequencies at which spectra are integrated, ascending, Hz.
 
-    `own` has the natural frequencies, [n], Hz, and `damping` the damping ratios of the modes, [n].
+    `natural` has the natural frequencies of the modes, [n], Hz, `damping` their damping ratios.
     """
-    fastest = _FASTEST * jnp.max(own)
-    part = jnp.linspace(0.0, 1.0, _SERIES, dtype=own.dtype)
+    fastest = _FASTEST * jnp.max(natural)
+    part = jnp.linspace(0.0, 1.0, _SERIES, dtype=natural.dtype)
     series = _SLOWEST * (fastest / _SLOWEST) ** part
-    around = jnp.tan(jnp.linspace(-_WIDEST, _WIDEST, _AROUND, dtype=own.dtype))
-    near = own[:, None] * (1 + damping[:, None] * around[None])
-    near = jnp.where(near > _SLOWEST, near, own[:, None])
+    around = jnp.tan(jnp.linspace(-_WIDEST, _WIDEST, _AROUND, dtype=natural.dtype))
+    near = natural[:, None] * (1 + damping[:, None] * around[None])
+    near = jnp.where(near > _SLOWEST, near, natural[:, None])
     return jnp.sort(jnp.concatenate([series, near.reshape(-1)]))
 
 

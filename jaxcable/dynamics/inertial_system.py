@@ -223,7 +223,7 @@ class InertialSystem(System):
             nodal = nodal.at[:, 3:, 3:].add(turned)
         others = jax.eval_shape(self.external_stiffness_parts, x)
         zeros = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
-        zeros[len(self.following_stiffness_parts(x))] = self._as_matrix_part(nodal, x)
+        zeros[len(self.following_stiffness_parts(x))] = self._transform_row_blocks(nodal, x)
         return self._assemble_matrix(self.matrix_parts(masses, x) + zeros)
 
     def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
@@ -238,7 +238,7 @@ class InertialSystem(System):
             nodal = nodal + own.nodal_damping @ slopes
         if own.rotary is not None:
             nodal = nodal.at[:, 3:, 3:].add(self._rotary_moment_derivatives(x))
-        parts = [self._as_matrix_part(nodal, x)]
+        parts = [self._transform_row_blocks(nodal, x)]
         for damper in own.dampers:
             blocks = _blocks_times_derivatives(damper.blocks, slopes[damper.links], damper.width)
             parts.append(
@@ -248,8 +248,8 @@ class InertialSystem(System):
         turning = self.space.load_stiffness(load, lambda: self.unbalanced(x), x)
         return self.following_stiffness_parts(x) + parts + turning
 
-    def _as_matrix_part(self, blocks, x):
-        """Return matrices of rows, [n_row, n_freedom, n_freedom], as a `MatrixPart` of unknowns."""
+    def _transform_row_blocks(self, blocks, x):
+        """Transform matrices of rows, [n_row, n_freedom, n_freedom], to a part for the unknowns."""
         rows = jnp.arange(len(blocks))[:, None]
         return self.space.transform_to_unknowns(blocks, rows, blocks.shape[1], (), x)
 

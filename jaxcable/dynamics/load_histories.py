@@ -80,11 +80,11 @@ def wind_velocities(
         raise ValueError(f"dt = {float(known)}: must be positive")
     count = (steps + 1) // 2  # waves; their period is an even number of steps
     phases = jax.random.uniform(key, (count, len(points)), jnp.result_type(points), 0.0, 2 * np.pi)
-    return _wind_velocities(turbulence, points, phases, dt, steps=steps)
+    return _wind_velocity_fluctuations(turbulence, points, phases, dt, steps=steps)
 
 
 @functools.partial(as_program, static=("steps",))
-def _wind_velocities(turbulence, points, phases, dt, steps):
+def _wind_velocity_fluctuations(turbulence, points, phases, dt, steps):
     """Return fluctuations of the wind velocity, [steps + 1, n], m/s, as a sum of waves.
 
     `phases` has the random phases of all waves at points, [n_wave, n], rad; other arguments and

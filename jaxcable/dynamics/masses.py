@@ -133,7 +133,7 @@ def mass_times_acceleration(
 def sum_at_nodes(
     system: System, values: Float[Array, "n_row n"], n_node: int
 ) -> Float[Array, "n_node n"]:
-    """Return sums of values of rows at their nodes, [n_node, n]: a hinged end has a row beside."""
+    """Return values of rows summed at nodes, [n_node, n]: rows of hinged ends add to theirs."""
     if system.dof_map.node_of_row is None:
         return values[:n_node]
     rows = jnp.asarray(system.dof_map.node_of_row)

@@ -155,9 +155,10 @@ class MotionModel:
 def values_at_rows(
     ramp: LoadRamp, values: Float[ArrayLike, "n_node ..."] | None, width: int | None = None
 ) -> Float[Array, "n_row n"]:
-    """Return values of nodes, [n_node, n] or [n_node], as those of all rows: zero beside nodes.
+    """Return values of nodes, [n_node, n] or [n_node], as an array of all rows, [n_row, width].
 
-    `width` is the number of columns, by default that of the space; None as `values` gives zeros.
+    It is zero in rows that are no nodes, in columns beyond n, and for None. The default `width` is
+    the number of degrees of freedom of a node.
     """
     n_row, width = len(ramp.nodes), ramp.start.nodal_load.shape[1] if width is None else width
     found = jnp.zeros((n_row, width), ramp.nodes.dtype)

@@ -359,7 +359,7 @@ def _make_segment_tensions(segments, tension, sign):
 
 
 def _is_last_equation(segments):
-    """Return a mask [n] of the last equation, that of the end: fillers have its tension, too."""
+    """Return a mask [n], True in its last entry: the equation of a jack at the last end."""
     return np.arange(len(segments.length)) == len(segments.length) - 1
 
 

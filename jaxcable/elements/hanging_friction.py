@@ -145,7 +145,10 @@ def shallow_elongations(
 
 
 def _residuals(elongation, parameters):
-    """Return `tension_residuals` of hanging segments; of slack ones, residual elongations."""
+    """Return `tension_residuals` of hanging segments, [n], N.
+
+    Of slack ones and fillers: the elongation less the one without slip, m.
+    """
     segments, sign = parameters
     shape = _hanging_shape(segments, elongation)
     tension = lax.stop_gradient(shape.tension)

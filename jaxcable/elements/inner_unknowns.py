@@ -92,7 +92,7 @@ class InnerUnknowns(Bending):
             idle[:, -2:] = ~self.hinges.array
         return idle
 
-    def _strain_unknowns(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
+    def _strain_coefficients(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
         """Return the coefficients of the strain field from inner unknowns, [2, 2].
 
         They are the argument `inner` of `bending.strain_field` for a section that is not linear.
@@ -147,18 +147,18 @@ class InnerUnknowns(Bending):
         `force` has the force on the second end, 3, the moments on both ends, 6, and the k forces
         conjugate to inner unknowns.
         """
-        pull, first, second, inner = jnp.split(force, [3, 6, 9])
-        at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
+        end_force, first, second, inner = jnp.split(force, [3, 6, 9])
+        at = jnp.stack([jnp.concatenate([-end_force, first]), jnp.concatenate([end_force, second])])
         if not self.inner_unknowns:
             return at
         rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._inner_indices].set(inner)
         return jnp.concatenate([at, rows])
 
     def _join_end_forces(
-        self, pull: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
+        self, force: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
     ) -> Forces:
         """Join the force on the second end, N, the moments on both ends, N m, and inner forces.
 
         Return end forces, [n_end, 6], as `_expand_reduced_forces` does.
         """
-        return self._expand_reduced_forces(jnp.concatenate([pull, moments.ravel(), inner]))
+        return self._expand_reduced_forces(jnp.concatenate([force, moments.ravel(), inner]))

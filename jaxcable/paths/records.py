@@ -91,7 +91,7 @@ def _factor_at_zero_stiffness(a, p):
 
 
 def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
-    """Return records of `count` points or events: zeros [count, ...] like every array of one."""
+    """Return zeros for `count` records of points or events: [count, ...] per array of `record`."""
     return jax.tree.map(lambda a: jnp.zeros((count, *a.shape), a.dtype), record)
 
 
