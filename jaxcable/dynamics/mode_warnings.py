@@ -86,12 +86,12 @@ def warn_of_modes_within_spans(
     nodes, groups, restart = merge_solution_state(*split[:2])
     no_unknowns: Any = None
     named = structure.named_groups()
-    for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
-        where = named[number][0]
+    for index, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
+        where = named[index][0]
         if not isinstance(group, Hanging) or group.weight is None:
             continue
         system = make_system(nodes, groups, restart, None, no_unknowns)
-        tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)
+        tension = evaluate_elements("tension", group, system.states[index], nodes, restart.motion)
         # first frequency of a taut string with the mass of the catenary: exact across a shallow one
         mass = group.weights(state) / gravity
         mass = jnp.where(mass > 0, mass, jnp.nan)

@@ -96,12 +96,12 @@ def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
 
 
 def _write_record(
-    rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
+    rows: PyTree[Array], index: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Return the records `rows` with `row` at index `number`, if `wanted` and if there is room."""
+    """Return the records `rows` with `row` at `index`, if `wanted` and if there is room."""
 
     def one(column, value):
-        at = jnp.where(wanted, number, len(column))  # beyond the end: dropped
+        at = jnp.where(wanted, index, len(column))  # beyond the end: dropped
         return column.at[at].set(value, mode="drop")
 
     return jax.tree.map(one, rows, row)
