@@ -416,8 +416,8 @@ rubbed("friction"),  # rules: friction... = -1.0: must not be negative
 rubbed("axle_friction"), 0.1, 1.0  # axle_friction: axle_friction... = 1.0: must be from 0 to
 softening_over_saddle, [0.0, 2e6, 3e6], [0.0, 2e6, 1e6]
     # law: law...softens; a cable with friction
-clamped_over_saddle, 1.0, 0.5  # open_or_closed: ...clamped... = 0.5: a clamp is open, 0, or
-stressed_over_saddle, [1.0, 1.0], [0.0, 0.0]  # stressed_or_not: ...stressed_ends...at least one is
+clamped_over_saddle, 1.0, 0.5  # clamp_rule: ...clamped... = 0.5: a clamp is open, 0, or
+stressed_over_saddle, [1.0, 1.0], [0.0, 0.0]  # stressed_ends_rule: ...stressed_ends...at least one
 ## model/structure.py
 lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
 ## materials/elastic.py
@@ -679,7 +679,7 @@ OTHERWISE = {
     "dynamics/modes.py:_without_massless_modes": "no rule: how many modes have mass",
     "dynamics/modes.py:modes": "NaN where it is traced: an unsymmetric tangent",
     "dynamics/mode_warnings.py:warn_of_modes_within_spans": "no rule: a warning",
-    "dynamics/mode_warnings.py:warn_of_loose_nodes": "no rule: a warning",
+    "dynamics/mode_warnings.py:warn_of_nodes_without_stiffness": "no rule: a warning",
     "dynamics/mode_warnings.py:warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
@@ -699,15 +699,15 @@ OTHERWISE = {
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
     "dynamics/transient.py:__post_init__": "traced times of a removal are refused",
     "dynamics/motion_checks.py:step_of_removal": "traced times of a removal are refused",
-    "dynamics/motion_checks.py:removed_elements": "traced masks: what is gone has no force",
-    "dynamics/motion_checks.py:velocity_of_free_nodes": "NaN where it is traced",
+    "dynamics/motion_checks.py:removal_masks": "traced masks: what is gone has no force",
+    "dynamics/motion_checks.py:initial_velocity": "NaN where it is traced",
     "dynamics/motion_checks.py:require_mass": "traced: without mass accelerations are not finite",
     "dynamics/motion_checks.py:require_finite": "no rule: NaN gives NaN",
-    "dynamics/damping.py:warn_of_large_ratios": "no rule: a warning",
+    "dynamics/damping.py:warn_of_large_damping_ratios": "no rule: a warning",
     "dynamics/mode_warnings.py:warn_of_freed_supports": "no rule: a warning",
     "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
     "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
-    "dynamics/load_histories.py:loaded_nodes": "traced mean forces are refused",
+    "dynamics/load_histories.py:nodes_with_mean_force": "traced mean forces are refused",
     "dynamics/load_histories.py:wind_velocities": "NaN where it is traced: frequencies of no steps",
     "analysis/solution.py:state_to_look_at": "no rule: whether an analysis is known to have failed",
 }
