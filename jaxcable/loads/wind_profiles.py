@@ -210,7 +210,10 @@ class WindPowerLaw(WindProfile):
 
     def describe(self, units: Units = SI) -> str:
         """Return the law and its velocity, in `units`, as text."""
-        return f"power law{_describe_velocity(self.velocity, units)}"
+        height, told = (checks.array_if_known(self.reference_height), "")
+        if height is not None and not height.ndim:
+            told = f" at {units.text(height, 'm')}"
+        return f"power law{_describe_velocity(self.velocity, units)}{told}"
 
 
 @pytree(static=("terrain", "pressure"))
