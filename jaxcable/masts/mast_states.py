@@ -12,6 +12,7 @@ from ..common.rules import not_negative
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..loads import EurocodeWind, LineLoads, NodalLoads, WindLoads, WindPowerLaw
+from ..loads.ice import warn_of_thick_ice
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
 from ..loads.wind_profiles import WindProfile
@@ -80,6 +81,7 @@ class MastState:
             if getattr(self, name) is not None:
                 set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
         keep_rule(self, not_negative, self._data_fields[2:-1])
+        warn_of_thick_ice(self.ice)
 
     def ice_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the thickness of the ice at heights above the base, m, in their shape."""
