@@ -40,7 +40,9 @@ def lattice_drag(
     - TIA-222-G, 2.6.9.1.1: flat ``4.0 s^2 - 5.9 s + 4.0`` of four sides, ``3.4 s^2 - 4.7 s + 3.4``
       of three; round this times ``0.57 - 0.14 s + 0.86 s^2 - 0.24 s^3``, at most 1.
 
-    The texts of both clauses were not at hand when this was written: compare with yours.
+    The texts of both clauses were not at hand when this was written: compare with yours. C1, C2 and
+    the formula of round members are those of E.1 in the next EN 1991-1-4 (formulas E.22 and E.24),
+    as public code has them (IP_dynamic_analysis, 2025).
 
     Args:
         sides: number of faces, 3 or 4.
