@@ -107,7 +107,7 @@ def load_mast(
         [15000. 15000. 15000.] ['wind']
     """
     path, tables = Path(path), {"guys": guys, "ancillaries": ancillaries, "states": states}
-    head = read_json(path) if path.suffix.lower() == ".json" else {"sections": path}
+    head: dict[str, Any] = read_json(path) if path.suffix.lower() == ".json" else {"sections": path}
     names = {key: path.parent / head[key] for key in _TABLES if isinstance(head.get(key), str)}
     head |= names | {key: Path(table) for key, table in tables.items() if table is not None}
     for name in head.keys() - {*_LISTS, *_OPTIONS, "states", "directions", "comment"}:
@@ -124,11 +124,11 @@ def load_mast(
         parts[key] = [_make(place, key, row) for place, row in rows]
     options = {name: head[name] for name in _OPTIONS if name in head}
     mast = _call(str(path), GuyedMast, parts | options)
-    states, found = head.get("states", {}), {}
-    if isinstance(states, Path):
-        named = [(row.get("state"), place, row) for place, row in _read_objects(states)]
+    found: dict[str, MastState] = {}
+    if isinstance(rows := head.get("states", {}), Path):
+        named = [(row.get("state"), place, row) for place, row in _read_objects(rows)]
     else:
-        named = [(name, f"{path}: states.{name}", row) for name, row in dict(states).items()]
+        named = [(name, f"{path}: states.{name}", row) for name, row in dict(rows).items()]
     for name, place, row in named:
         if name is None or name in found:
             raise FileError(f"{place}: state: expected a name of its own, got {name!r}")
