@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from ..common import checks, status
+from ..loads import WindPowerLaw
 from ..reporting import Report
 from ..reporting.table import columns_of_rows, make_table
 from .gust_effects import extremes
@@ -33,6 +34,7 @@ _INPUT = {
     "iced weight, N; offset, m; azimuth, deg",
 }
 _STATES = "States; state; wind; wind factor, -; weight factor, -; ice, m, ice at 10 m"
+_LAW = "power law: velocity at this height; TIA-222: with the roots of all factors of its pressure"
 _GUYS = "Tensions of guys; guy; length, m, unstressed length; as built, N, at anchor; at mast, N; \
 largest, N; utilization, -, of strength; largest in; smallest, N; smallest in"
 _MAST = "Envelope of the mast; height, m; displacement, m, horizontal; largest in; sway, deg; \
@@ -70,6 +72,11 @@ class MastStudy:
         """The first status of the mast as built and of cases that is not OK; OK if all are."""
         codes = np.append(self.built.status, np.ravel(self.results.status))
         return int(next((code for code in codes if code != status.OK), status.OK))
+
+    @property
+    def holds(self) -> bool:
+        """Whether all cases are stable, no guy exceeds its strength and the mast does not fall."""
+        return bool(np.all(self.results.stable)) and not _overloads(self)
 
     def envelopes(self) -> dict[str, np.ndarray]:
         """Return envelopes over the height for each state and direction, [n_state, n_direction, n].
@@ -214,7 +221,8 @@ def _tables(study):
     factors = "wind_factor", "weight_factor", "ice"
     states = study.job.states.items()
     rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]
-    tables["states"] = _table(_STATES, rows)
+    laws = any(isinstance(x.wind, WindPowerLaw) for _, x in states)
+    tables["states"] = _table(_STATES, rows, *[_LAW] * laws)
     most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))

@@ -1,7 +1,9 @@
 """Lines in files, on the command line, in drawings and pictures; conductors of the catalogue."""
 
+import collections
 import json
 
+import ezdxf
 import numpy as np
 import pytest
 
@@ -61,6 +63,8 @@ def test_tables_become_a_line(folder):
 def test_a_line_goes_to_json_and_back(folder):
     line = load(folder)
     path = jc.lines.save_line(folder / "line.json", line)
+    text = path.read_text()
+    assert '"temperature_C"' in text and '"string_weight_N"' in text and '_c"' not in text
     again = jc.lines.load_line(path)
     for one, other in zip(
         (line.section, *line.states.values()), (again.section, *again.states.values()), strict=True
@@ -155,8 +159,11 @@ def test_command_writes_report_drawing_and_picture(folder, capsys, monkeypatch):
     names = "towers states spans stringing swings tower_loads ruling_span"
     assert list(tables) == names.split()
     assert len(tables["tower_loads"]["rows"]) == 9 and len(tables["spans"]["rows"]) == 6
-    net = jc.files.read_dxf(folder / "line.dxf")
-    assert {"ground", "towers", "hot"} <= set(net.groups) if hasattr(net, "groups") else True
+    drawing = ezdxf.readfile(folder / "line.dxf").modelspace()
+    kinds = collections.Counter((one.dxf.layer, one.dxftype()) for one in drawing)
+    spans = dict.fromkeys(((name, "POLYLINE") for name in ("everyday", "heavy", "hot")), 2)
+    others = {("ground", "POLYLINE"): 1, ("towers", "LINE"): 3, ("strings", "LINE"): 3}
+    assert kinds == others | spans
     assert (folder / "line.pdf").stat().st_size > 10_000
     assert (folder / "line.png").stat().st_size > 10_000
     assert main([*words.split()[:-4], "--quiet"]) == 0
