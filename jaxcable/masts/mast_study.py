@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+_SLACK = (
+    "below zero: the guy goes slack in gusts, which the root of the sum of squares does not know"
+)
 _SHARED = "of guys on one anchor add the forces; their largest ones may not act together"
 _FALLEN = 10.0  # degrees by which no mast leans that stands
 
@@ -229,7 +232,7 @@ def _tables(study):
     built, names = np.asarray(study.built.tensions), mast.guy_names
     lengths = np.asarray(study.built.rest_length).tolist()
     guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
-    tables["guys"] = _table(_GUYS, zip(*guys, strict=True))
+    tables["guys"] = _table(_GUYS, zip(*guys, strict=True), *[_SLACK] * (min(smallest[0]) < 0))
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]

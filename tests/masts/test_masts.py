@@ -318,6 +318,13 @@ def test_study_says_what_does_not_hold(monkeypatch):
         assert text in study.report().summary[2] and "'ice' (" in study.report().summary[2]
         assert not study.holds
     assert study_of(analysed()).holds
+    column = study_of(analysed()).report().tables["guys"].columns.index("smallest")
+    assert min(row[column] for row in study_of(analysed()).report().tables["guys"].rows) > 0
+    mean = analysed().forces.tensions[:, :, :1]  # forty times the effects of gusts
+    tensions = mean + 40 * (analysed().forces.tensions - mean)
+    slack = jc.replace(analysed(), forces=jc.replace(analysed().forces, tensions=tensions))
+    table = study_of(slack).report().tables["guys"]
+    assert min(row[column] for row in table.rows) < 0 and "the guy goes slack" in table.notes[-1]
     unstable = jc.replace(analysed(), stable=np.zeros_like(analysed().stable))
     assert not study_of(unstable).holds
 
