@@ -140,7 +140,7 @@ def in_part(item):
     return zlib.crc32(item.nodeid.partition("[")[0].encode()) % count == number
 
 
-MEMORY = 1_250
+MEMORY = 1_500
 """Resident memory, MB, from which compiled programs are forgotten: each takes some MB, and eight of
 the 65 530 memory maps that Linux gives a process."""
 

@@ -13,7 +13,7 @@ def solution():
 
 
 @pytest.mark.parametrize(
-    "count", [40, pytest.param(200, marks=pytest.mark.slow)], ids=["some", "many"]
+    "count", [60, pytest.param(200, marks=pytest.mark.slow)], ids=["some", "many"]
 )
 def test_files_of_strangers_stay_bit_by_bit(tmp_path, monkeypatch, solution, count):
     monkeypatch.chdir(tmp_path)

@@ -312,7 +312,7 @@ def test_wrong_states_and_stringings_are_refused():
     assert isinstance(jax.tree.leaves(section)[0], np.ndarray)
 
 
-@pytest.mark.slow_cases("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("stretched", [False, True])
 def test_a_span_beside_an_angle_tower_has_the_sag_that_is_stated(stretched):
     """To 1e-7 where loads count per stretched length, which lags behind by one round."""
