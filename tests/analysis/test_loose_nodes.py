@@ -65,7 +65,7 @@ class Net:
 SEEDS = [10, 14, 84]
 
 
-@pytest.mark.quick_cases("10")  # that of 14 is in `test_second_derivatives_and_batches`
+@pytest.mark.quick_cases("10")
 @pytest.mark.parametrize("seed", range(100))
 def test_both_modes_are_the_difference(seed):
     """To 1e-3 of the derivative: tensions that are rounding leave 1e-6 N in the measure."""
@@ -79,6 +79,7 @@ def test_both_modes_are_the_difference(seed):
     np.testing.assert_allclose(net.difference(net.measure), reverse, rtol=1e-3, atol=1.0)
 
 
+@pytest.mark.slow
 def test_second_derivatives_and_batches():
     """Gradients of a batch are those alone; a Hessian times a vector is a difference of them."""
     net = Net(14)

@@ -19,6 +19,7 @@ def of_rope(phase, name):
     return np.asarray(phase.element_results[name]["rope"][0])
 
 
+@pytest.mark.slow
 def test_capstan():
     """exp(mu theta) over the arc that the tangents leave, and T / r on the saddle."""
     nodes = [[-3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, -4.0]]
@@ -80,6 +81,8 @@ def test_against_circles_in_numpy(friction):
         tension = relaxed(length, rest, bound, EA)
         assert_allclose(of_rope(phase, "segment_tension"), tension, rtol=1e-8)
         assert_allclose(of_rope(phase, "contact_arc"), RADII * angle, rtol=1e-10)
+        pressure = np.maximum(tension[:2], tension[1:3]) / RADII[:2]
+        assert_allclose(of_rope(phase, "contact_pressure")[:2], pressure, rtol=1e-8)
         slid += [*(slips[-1] - before)[:2]]
         direction = belt(places, RADII, TURNS)[0]
         pull = tension[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)

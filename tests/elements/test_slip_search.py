@@ -56,7 +56,7 @@ def violation(cable, tension, has_jack):
     return worst
 
 
-@pytest.mark.slow_cases("12-anchored", "5-jacked")
+@pytest.mark.slow_cases("12-anchored", "5-jacked", "12-jacked")
 @pytest.mark.parametrize("has_jack", [False, True], ids=["anchored", "jacked"])
 @pytest.mark.parametrize("n", [2, 5, 12])
 def test_tensions_and_slips_fulfil_coulombs_conditions(n, has_jack):

@@ -4,6 +4,7 @@ A row has a good and a bad number for one rule. Known, the bad one is a ValueErr
 message; traced, it is a status or NaN, while the good one passes both ways.
 """
 
+import functools
 import re
 
 import jax
@@ -355,7 +356,10 @@ def limited(v, **others):
     return own.evaluate(None, None)["utilization"]
 
 
-STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
+@functools.cache
+def stressed():
+    """A net with a pretension, solved when a row asks for it."""
+    return jc.solve(net(), jc.Phase(pretension=1.0))
 
 
 def read(table):
@@ -625,13 +629,13 @@ lambda v: design.propagate_tolerances(jnp.eye(2), v)[0], [1.0, 1.0], [1.0, -1.0]
 lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients,
     AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
 ## design/objectives.py
-lambda v: design.material_use(STRESSED, v),  # material_use: ...stress = -1.0
-lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+lambda v: design.material_use(stressed(), v),  # material_use: ...stress = -1.0
+lambda v: design.material_use(stressed(), v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 ## design/limit_checks.py
 lambda v: limited({"upper": v}),  # _validate_limits: own: upper = -1.0: expected a positive limit
 lambda v: limited({"lower": v}, upper=2.0), 1.0, 3.0
     # _validate_limits: own: lower = 3.0: expected below upper = 2.0
-lambda v: design.TensionLimit(lower=v).evaluate(net(), STRESSED)["utilization"], 1.0, 0.0
+lambda v: design.TensionLimit(lower=v).evaluate(net(), stressed())["utilization"], 1.0, 0.0
     # __post_init__: tension that remains: lower = 0.0: expected a positive tension
 ## standards/cables.py
 lambda v: jc.standards.cables.cable_resistance(v), 1.0, 0.0
