@@ -13,7 +13,7 @@ from .guard import FAILED, BadInput, refuse_value_errors
 
 
 def run(options: Namespace) -> int | None:
-    """Study the line in `options.line`, print what governs and sags, and write the files asked for."""
+    """Study the line in `options.line`, print what governs and its sags, and write the files."""
     inputs = [options.line, options.states, options.ground, options.crossings]
     outputs.check_study_files(options, (".dxf", ".json"), inputs)
     with refuse_value_errors(options.line):
