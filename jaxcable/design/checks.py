@@ -297,8 +297,7 @@ def _list_of_checks(rules, combinations, argument="rules"):
         elif isinstance(entry, Check):
             made = [entry]
         else:
-            kind = arguments.describe_type(entry, "CableResistance()")
-            given = repr(entry) if isinstance(entry, str) else kind
+            given = repr(entry) if isinstance(entry, str) else type(entry).__name__
             raise ValueError(f"{place}: {expected} (members by EN 1993-1-1), got {given}")
         for one in made:
             if one.name in places:

@@ -135,8 +135,10 @@ def count_and_names_of_slack_elements(
     tensions = values_per_group(structure, state.tension)
     masks = present_elements(structure, state.present)
     parts, left, count = [], most, 0
-    for (name, group), *known in zip(named_groups_of(structure), tensions, masks, strict=True):
-        slack = np.flatnonzero(slack_elements(group, *known))
+    for (name, group), tension, mask in zip(
+        named_groups_of(structure), tensions, masks, strict=True
+    ):
+        slack = np.flatnonzero(slack_elements(group, tension, mask))
         count, shown = count + len(slack), slack[:left]
         left -= len(shown)
         if len(shown):

@@ -207,7 +207,7 @@ def test_history_and_progress():
 
 
 def test_a_search_that_zigzags_across_a_kink_ends():
-    """Residuals that are the larger of two: the least is at kinks of both, found by Nelder and Mead.
+    """Residuals that are the larger of two: the least is at kinks, found by Nelder and Mead.
 
     Once 100 trial points; ten of which five are refused and the rest gain 1e-4 are enough.
     """
