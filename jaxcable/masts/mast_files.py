@@ -171,7 +171,8 @@ def _make(place, key, row):
         return _call(place, Ancillary, given)
     standard = row.get("standard")
     if standard is not None and standard not in _STANDARDS:
-        raise FileError(f"{place}: standard: expected one of {', '.join(_STANDARDS)}")
+        known = ", ".join(_STANDARDS)
+        raise FileError(f"{place}: standard = {standard!r}: expected one of {known}")
     for name in given:
         if isinstance(given[name], dict):
             given[name] = codec.decode(given[name], f"{place}.{name}")

@@ -111,6 +111,24 @@ def test_the_position_of_a_loose_node_has_no_derivative():
     assert np.isnan(jax.grad(place)(net.params)["EA"]).any()
 
 
+def test_where_all_cables_are_slack_no_node_has_a_derivative():
+    """NaN in both modes, although no cable passes on what is NaN in the adjoint solution.
+
+    The middle finds a place without tension; the load acts in the second phase only.
+    """
+    net = Net(4)
+
+    def place(p):
+        first = net.solve(p).phases[0]
+        return first.displacement[4, 2], first.tension
+
+    height, forces = jax.jvp(place, (net.params,), (net.change,))[1]
+    gradient, tension = jax.grad(place, has_aux=True)(net.params)
+    assert (np.asarray(tension) < 1e-9).all() and not np.asarray(forces).any()
+    assert np.isnan(height) and all(np.isnan(gradient[name]).all() for name in ("EA", "T"))
+    assert not np.asarray(gradient["F"]).any()
+
+
 @pytest.mark.parametrize(("bent", "defined"), [(0.0, False), (0.1, True)])
 def test_two_cables_that_are_just_taut(bent, defined):
     """In line between supports they are at a kink that no movement of their node can end: NaN.

@@ -155,6 +155,7 @@ def test_command_writes_report_drawing_and_picture(folder, capsys, monkeypatch):
     assert main([*words.split(), "--save", "line.dxf", "--plot", "line.png"]) == 0
     said = capsys.readouterr().out
     assert "status 0: converged" in said and "least distance from road" in said
+    assert "Tensions, sags, clearances" in said and "Loads on towers" not in said
     tables = json.loads((folder / "line.json").read_text())["tables"]
     names = "towers states spans stringing swings tower_loads ruling_span"
     assert list(tables) == names.split()

@@ -861,8 +861,8 @@ envelope(3.0)  # values: expected arrays with the cases
 envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
 checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
-checked("EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
-checked([5])  # rules[0]: expected a check, or the
+checked("EN 1993-1-1")  # rules: expected EN 1993-1-11 or ASCE 19 (cables), or a check
+checked([5])  # rules[0]: expected EN 1993-1-11 or ASCE 19
 checked()  # cable resistance: no group of the structure has cables with a
 checked(CableResistance("net"))  # cable resistance: elements of 'net' have no strength
 checked(TensionLimit(lower=1.0, elements="nett"))

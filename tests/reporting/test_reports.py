@@ -12,6 +12,7 @@ from golden_files import assert_golden
 from oracles.convergence import converged
 
 import jaxcable as jc
+from jaxcable.model import result_parts
 from jaxcable.reporting.lengths import cable_chains
 
 
@@ -131,7 +132,9 @@ def test_slack_cables_and_loose_nodes(net, told):
     found = converged(jc.report(hung, jc.solve(hung, jc.Phase())))
     assert found.tables["slack"].rows == [["", 0, "phase 1"], ["", 1, "phase 1"]]
     assert found.tables["loose"].rows == [[1, "phase 1"]]
-    assert any("1 node that nothing else holds" in line for line in found.summary)
+    assert any("2 slack cables (elements 0, 1), 1 node that" in line for line in found.summary)
+    named = result_parts.count_and_names_of_slack_elements
+    assert named(hung, jc.solve(hung, jc.Phase()), most=1) == (2, "elements 0 and 1 more")
     assert found.tables["members"].notes == ("no group has a strength",)
 
 
