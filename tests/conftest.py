@@ -61,6 +61,19 @@ def pytest_configure(config):
     small_programs.by_numpy(not FUSED and small_programs.is_possible())
 
 
+def pytest_collection_finish():
+    """Modules are no garbage: a full collection takes a second where it looks at all of them."""
+    gc.freeze()
+
+
+@pytest.fixture
+def collect_young():
+    """A function that collects the garbage of this test, and does not look at older objects."""
+    gc.disable()
+    yield lambda: gc.collect(0)
+    gc.enable()
+
+
 COMPILED = pathlib.Path(__file__).parent / "programs"
 
 
@@ -93,6 +106,31 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if not parted(item) or in_part(item)]
 
 
+FAMILY = "together"
+"""Group of the files that analyse the same structures: one process runs them."""
+TOGETHER = (
+    # lines of `banks/hung_lines.py`, scenes of cables with friction
+    *("scenes/test_friction_scenes.py", "plots/test_friction_pictures.py"),
+    *("plots/test_view_browser.py", "reporting/test_friction_tables.py"),
+    "results/test_segment_sags.py",
+)
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config, log):
+    """With `--dist loadfile`, give a process whole files, and one process those of `TOGETHER`."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByFamily(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = super()._split_scope(nodeid)
+            return FAMILY if file.endswith(TOGETHER) else file
+
+    return ByFamily(config, log)
+
+
 def in_part(item):
     """Return whether a test is in `PART`; all cases of a function are in the same one."""
     number, count = map(int, PART.split("/"))
@@ -102,7 +140,7 @@ def in_part(item):
     return zlib.crc32(item.nodeid.partition("[")[0].encode()) % count == number
 
 
-MEMORY = 1_250
+MEMORY = 1_500
 """Resident memory, MB, from which compiled programs are forgotten: each takes some MB, and eight of
 the 65 530 memory maps that Linux gives a process."""
 

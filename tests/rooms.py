@@ -41,6 +41,7 @@ def rooms():
     return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
 
 
+@functools.cache
 def uses(room):
     """Rooms that the modules of a room import."""
     found = set()
@@ -75,12 +76,21 @@ def drawn():
     return "\n".join(lines) + "\n"
 
 
+def statements(tree):
+    """Yield all statements of a module, and those within them."""
+    for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for node in getattr(tree, name, ()):
+            yield node
+            yield from statements(node)
+
+
+@functools.cache
 def code_lines():
     """Count the lines of code of the rooms: all but docstrings, imports, comments, empty lines."""
     found = dict.fromkeys(["package", *rooms()], 0)
     for path, tree in trees().items():
         left_out = set()
-        for node in ast.walk(tree):
+        for node in statements(tree):
             is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
             if is_text or isinstance(node, ast.Import | ast.ImportFrom):
                 left_out.update(range(node.lineno, node.end_lineno + 1))

@@ -314,8 +314,9 @@ def _values_per_element(
     if 1 in shape and array.shape == (max(shape),):
         array = array.reshape(shape)
     if array.shape not in ((), shape):
+        flat = f" or ({max(shape)},)" if 1 in shape else ""
         raise ValueError(
-            f"{path}: expected one number, or shape {shape} with {describe_columns(components)}, "
-            f"got shape {array.shape}"
+            f"{path}: expected one number, or shape {shape}{flat} with "
+            f"{describe_columns(components)}, got shape {array.shape}"
         )
     return pack.broadcast_to(array, shape)

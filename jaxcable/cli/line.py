@@ -13,7 +13,7 @@ from .guard import FAILED, BadInput, refuse_value_errors
 
 
 def run(options: Namespace) -> int | None:
-    """Study the line in `options.line`, print what governs, and write report, drawing, picture."""
+    """Study the line in `options.line`, print what governs and its sags, and write the files."""
     inputs = [options.line, options.states, options.ground, options.crossings]
     outputs.check_study_files(options, (".dxf", ".json"), inputs)
     with refuse_value_errors(options.line):
@@ -42,7 +42,8 @@ def run(options: Namespace) -> int | None:
     def draw():
         return {"Profile": lines.plot_profile(line.section, study.results)}
 
-    outputs.print_study(options, study.report(), f"Line {options.line}", draw, wrote)
+    title = f"Line {options.line}"
+    outputs.print_study(options, study.report(), title, draw, wrote, shown=("spans",))
     return None if study.status == status.OK else FAILED
 
 

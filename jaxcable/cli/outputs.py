@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import sys
 from argparse import Namespace
@@ -147,8 +148,11 @@ def print_study(
     title: str,
     draw: Callable[[], dict[str, Figure]],
     wrote: Sequence[str | Path],
+    shown: Sequence[str] = (),
 ) -> None:
     """Write the reports and the picture of a study, print it, and the names of all files.
+
+    What is printed are the sentences, and the tables `shown`, or all with ``--report -``.
 
     Args:
         options: of the command: report, title, plot.
@@ -156,6 +160,7 @@ def print_study(
         title: of the report, where the options have none.
         draw: function that draws the picture, a dict of one figure by its caption.
         wrote: files that the command has written already.
+        shown: names of tables of the report.
     """
     names = list(wrote)
     for path in options.report:
@@ -166,7 +171,9 @@ def print_study(
         (figure,) = draw().values()
         save_picture(figure, options.plot)
         names.append(options.plot)
-    print(report.text() if "-" in options.report else "\n".join(report.summary))
+    if "-" not in options.report:
+        report = dataclasses.replace(report, tables={key: report.tables[key] for key in shown})
+    print(report.text().rstrip("\n"))
     for name in names:
         print(f"wrote {name}")
 

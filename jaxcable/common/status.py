@@ -73,8 +73,9 @@ _TEXTS = {
     ),
     NONFINITE: (
         "a number became NaN or infinite; look for NaN in nodes, stiffness, pretension or loads, "
-        "for an element whose ends coincide, for a shortening that leaves no length, or for a deep "
-        "hanging cable that slips without end"
+        "for an element whose ends coincide, for a shortening that leaves no length, for a deep "
+        "hanging cable that slips without end, or for a segment that ends within the radius of its "
+        "saddle"
     ),
     SINGULAR: (
         "the stiffness of an increment is singular, so the incremental scheme cannot step; "

@@ -288,17 +288,17 @@ def _list_of_checks(rules, combinations, argument="rules"):
     """Return the list of checks that `rules` name, and texts: checks for which no case counts."""
     several = isinstance(rules, list | tuple) and bool(rules)
     found, places, not_made = [], {}, ()
+    expected = f"expected {' or '.join(RULES)} (cables), or a check such as MemberSection(...)"
     for k, entry in enumerate(rules if several else [rules]):
         place = f"{argument}[{k}]" if several else argument
-        if isinstance(entry, str):
-            arguments.require_one_of(entry, place, list(RULES))
+        if isinstance(entry, str) and entry in RULES:
             made, left_out = _checks_of_standard(entry, combinations)
             not_made += left_out
         elif isinstance(entry, Check):
             made = [entry]
         else:
-            kind = arguments.describe_type(entry, "CableResistance()")
-            raise ValueError(f"{place}: expected a check, or the name of a standard, got {kind}")
+            given = repr(entry) if isinstance(entry, str) else type(entry).__name__
+            raise ValueError(f"{place}: {expected} (members by EN 1993-1-1), got {given}")
         for one in made:
             if one.name in places:
                 other = places[one.name]

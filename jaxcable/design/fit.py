@@ -119,8 +119,10 @@ def fit(
     - Rounding: the last step has not been accepted, it has promised and changed less than 1e-9 of
       the squared misfit, and the cosine is at most 0.01.
 
-    If no step is accepted and none of this holds the status is STALLED, and OUT_OF_STEPS after
-    `steps` trial points. A trial point at which the analysis fails is never accepted: the damping
+    If no step is accepted and none of this holds the status is STALLED. So it is if half of the
+    last ten trial points are refused and the others lower the squared misfit by less than 1e-4 of
+    it: results have kinks there, as where cables go slack. It is OUT_OF_STEPS after `steps` trial
+    points. A trial point at which the analysis fails is never accepted: the damping
     grows until a shorter step works.
 
     A parameter whose column of J is zero or rounding is without influence: it stays where it is,

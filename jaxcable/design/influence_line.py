@@ -36,6 +36,9 @@ SAMPLES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
 TO_CUBIC = np.linalg.inv(np.vander(SAMPLES, 4, increasing=True))
 """Coefficients of a cubic from its values there."""
 
+_MOST_LOADS = 256
+"""Places on an element whose forces are taken together: each pair of them has terms of its own."""
+
 
 @pytree(static=("on",), indices=("path",))
 class InfluenceLine:
@@ -199,21 +202,29 @@ def influence_line(
     found = path_along_elements(structure, numbers, index)
     beams: Any = structure.groups[index]
     at = _checked_breaks(gauss_lobatto(beams.points)[0] if breaks is None else breaks)
-    inside = at[:-1, None] + np.diff(at)[:, None] * SAMPLES[None]
-    places = np.tile(inside.reshape(1, -1), (len(numbers), 1))
-    places = np.where(found.backwards[:, None], 1 - places, places).ravel()
-    elements = np.repeat(numbers, inside.size)
+    inside = (at[:-1, None] + np.diff(at)[:, None] * SAMPLES[None]).ravel()
 
-    def final(amounts):
-        load = PointLoads(elements, places, amounts[:, None] * jnp.asarray(direction)[None], on=on)
-        solution = solve(structure, [Phase(loads=load)], method, start=start)
-        return of(solution) if callable(of) else getattr(solution, of)
+    def slopes_at(inside):
+        """Return the derivatives by forces at these places of all elements, [..., n, n_inside]."""
+        places = np.where(found.backwards[:, None], 1 - inside, inside)
+        elements = np.repeat(numbers, inside.size)
 
-    zero = jnp.zeros(len(elements), jnp.asarray(structure.nodes).dtype)
-    slopes = jax.jacrev(final)(zero)
-    if isinstance(slopes, dict | list | tuple) or slopes is None:
-        raise ValueError("of: expected a function of the solution to one array of floats")
-    shape = (*slopes.shape[:-1], len(numbers) * (len(at) - 1), 4)
+        def final(amounts):
+            forces = amounts[:, None] * jnp.asarray(direction)[None]
+            load = PointLoads(elements, places.ravel(), forces, on=on)
+            solution = solve(structure, [Phase(loads=load)], method, start=start)
+            return of(solution) if callable(of) else getattr(solution, of)
+
+        slopes = _jacobian_by_rows(
+            final, jnp.zeros(len(elements), jnp.asarray(structure.nodes).dtype)
+        )
+        return slopes.reshape(*slopes.shape[:-1], *places.shape)
+
+    count = -(-inside.size // _MOST_LOADS)
+    each = -(-inside.size // count)
+    filled = np.pad(inside, (0, count * each - inside.size), mode="edge").reshape(count, each)
+    slopes = jnp.concatenate([slopes_at(part) for part in filled], axis=-1)[..., : inside.size]
+    shape = (*slopes.shape[:-2], len(numbers) * (len(at) - 1), 4)
     coefficients = slopes.reshape(shape) @ jnp.asarray(TO_CUBIC.T, slopes.dtype)
     ends = found.stations
     lengths = ends[1:] - ends[:-1]
@@ -221,6 +232,22 @@ def influence_line(
     pack = jnp if isinstance(ends, jax.Array) else np
     stations = pack.concatenate([each.ravel(), ends[-1:]])
     return InfluenceLine(stations, coefficients, direction, Indices(numbers), on)
+
+
+def _jacobian_by_rows(function, x):
+    """Return the derivatives of a function's result, [...], by x, [n]: an array [..., n].
+
+    Known numbers take an adjoint solve after the other: memory does not grow with their number.
+    """
+    value, pull = jax.vjp(function, x)
+    if isinstance(value, dict | list | tuple) or value is None:
+        raise ValueError("of: expected a function of the solution to one array of floats")
+    rows = np.eye(value.size, dtype=value.dtype).reshape(-1, *value.shape)
+    if isinstance(value, jax.core.Tracer):
+        found = jax.vmap(pull)(rows)[0]
+    else:
+        found = np.stack([pull(row)[0] for row in rows])
+    return found.reshape(*value.shape, x.size)
 
 
 def _checked_breaks(breaks):

@@ -23,6 +23,10 @@ _RANGES = {
     "prestrain": (-0.5, 1.0),
 }
 """Allowed range of each length, over the length of the element; a prestrain is a ratio itself."""
+_DEFAULT = (
+    "the default bound, the length of the element, which is more than a turnbuckle can do; what "
+    "hangs slack may act as ballast. Give `bounds`, other targets or further unknowns"
+)
 
 
 def add_default_bounds(
@@ -58,13 +62,15 @@ def add_default_bounds(
     return copy_with(box, lower=lower, upper=upper)
 
 
-def describe_default_bounds_reached(
+def describe_bounds_reached(
     unknowns: Sequence[tuple[int, str]],
     values: list[PyTree[Float[ArrayLike, " ..."]]],
     asked: BoxBounds,
     used: BoxBounds,
-) -> tuple[str, ...]:
-    """Describe unknowns that end at a default bound: a tuple of one sentence, or of none.
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Describe unknowns that end at a default bound, and those at a bound of the user.
+
+    Both are a tuple of one sentence, or of none.
 
     Args:
         unknowns, values: as of `tune`; at their end.
@@ -72,17 +78,18 @@ def describe_default_bounds_reached(
             are traced.
     """
     if checks.numpy_or_jax((values, asked, used)) is not np:
-        return ()
+        return (), ()
     x, low, high = (np.asarray(v) for v in (flat_vector(values), used.lower, used.upper))
-    ends = (x <= low) & (asked.lower < low) | (x >= high) & (asked.upper > high)
-    if not ends.any():
-        return ()
-    first, more = int(ends.argmax()), int(ends.sum()) - 1
+    by_default = (x <= low) & (asked.lower < low) | (x >= high) & (asked.upper > high)
+    given = ((x <= low) | (x >= high)) & ~by_default
     sizes = [flat_vector(own).size for own in values]
-    _, name = unknowns[np.repeat(np.arange(len(sizes)), sizes)[first]]
-    where = f"unknowns{entry_names(values)[first]} ({name}) = {x[first]:.6g}"
-    return (
-        f"{where}{f' and {more} more' * (more > 0)}: at the default bound, the length of the "
-        "element, which is more than a turnbuckle can do; the weight of what hangs slack may act "
-        "as ballast. Give `bounds`, other targets or further unknowns",
-    )
+    places = np.repeat(np.arange(len(sizes)), sizes)
+
+    def sentence(mask, text):
+        if not mask.any():
+            return ()
+        first, more = int(mask.argmax()), int(mask.sum()) - 1
+        where = f"unknowns{entry_names(values)[first]} ({unknowns[places[first]][1]})"
+        return (f"{where} = {x[first]:.6g}{f' and {more} more' * (more > 0)}: at {text}",)
+
+    return sentence(by_default, _DEFAULT), sentence(given, "a bound that was given")

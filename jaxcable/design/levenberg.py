@@ -20,6 +20,7 @@ _LARGEST_DAMPING = 1e20  # damping from which a step is too short to matter
 _ACCEPTABLE = 1e-4  # least part of the promised decrease to accept a step, as in MINPACK
 _MAX_ROUNDS = 8  # how often a step is computed again because entries have met a bound
 _NOISE = 1e-9  # changes of the squared misfit, relative to it, within the tolerance of an analysis
+_WINDOW, _PROGRESS = 10, 1e-4  # trial points, and the least decrease of the squared misfit in them
 _COSINE_OF_NOISE = 1e-2  # cosine of residuals and Jacobian above which noise is no reason to end
 _ROUNDING = 2.0**12  # rounding of a Jacobian over eps: an analysis solves ill-conditioned systems
 _LEAST_FACTOR = 0.1  # least factor on the damping after an accepted step; Nielsen (1999) has 1 / 3
@@ -113,9 +114,21 @@ class LevenbergMarquardt(ParameterSearch):
             only_noise = refused and max(abs(fallen), promised) <= noise * squares
             if self._has_converged(refused=refused, only_noise=only_noise):
                 return status.OK
-            if not accepted and damping > _LARGEST_DAMPING:
+            if (not accepted and damping > _LARGEST_DAMPING) or self._zigzags(noise):
                 return status.STALLED
         return status.OUT_OF_STEPS
+
+    def _zigzags(self, noise):
+        """Return whether steps get nowhere, as between cables that go slack and taut by turns.
+
+        Half of the last trial points were refused then, and the others improve the misfit by
+        hardly anything together, but by far more than `noise`, a part of the squared misfit.
+        """
+        accepted = np.array([row[1] for row in self.rows[-_WINDOW:]], bool)
+        if len(self.rows) <= _WINDOW or not 0 < accepted.sum() <= _WINDOW // 2:
+            return False
+        least = np.minimum.accumulate([row[0] if row[1] else np.inf for row in self.rows])
+        return 1e3 * noise < 1 - (least[-1] / least[-1 - _WINDOW]) ** 2 < _PROGRESS
 
     def _record(self, point, accepted, damping):
         """Append misfit, acceptance, damping and status of a point to the history; report it."""

@@ -31,7 +31,7 @@ from ..programs.program_calls import as_program
 from .bars_for_cables import replace_cables_by_bars
 from .bounds import check_search_arguments, flat_vector, make_bounds, unflatten_params
 from .fit import fit, fit_on_host
-from .length_bounds import add_default_bounds, describe_default_bounds_reached
+from .length_bounds import add_default_bounds, describe_bounds_reached
 from .targets import Target, deviations, require_targets, result_names_for_targets
 
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
@@ -60,7 +60,7 @@ class Tuned:
             `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
         remarks: sentences on what an engineer should look at, a tuple of str, empty under jit and
-            vmap: values that ended at a default bound (see `tune`); targets that are missed, and by
+            vmap: values that ended at a bound (see `tune`); targets that are missed, and by
             how much; and groups of cables of which some are nearly slack in the first phase with a
             target or later, with less than 5 % of the largest force that the group has in any
             phase. What can be done there is in the second example of `tune`.
@@ -256,10 +256,10 @@ def tune(
         spent.append(found.steps)
         solution = solve(structure, phases_with(found.params), method, start=start)
     tuned = _make_tuned(structure, phases_with(found.params), targets, solution, found, spent)
-    far = describe_default_bounds_reached(unknowns, tuned.values, asked, box)
+    far, at_given = describe_bounds_reached(unknowns, tuned.values, asked, box)
     for text in far:
         checks.warn_user(text)
-    return copy_with(tuned, remarks=(*far, *tuned.remarks))
+    return copy_with(tuned, remarks=(*far, *at_given, *tuned.remarks))
 
 
 def _make_tuned(structure, phases, targets, solution, found, spent):

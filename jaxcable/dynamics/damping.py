@@ -15,9 +15,9 @@ from ..common.types import Array, ArrayLike, Float, Int
 from ..mechanics.assembly import System
 from ..model.structure import Structure
 from ..spaces.space import Motion
-from .inertial_system import RowMatrices
+from .inertial_system import DamperMatrices
 
-_MODAL_MATRICES = 6  # dense matrices of all displacements in memory at once
+_DENSE_DAMPING_MATRICES = 6  # dense matrices of all displacements in memory at once
 
 
 @pytree
@@ -51,14 +51,14 @@ class Rayleigh:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that both factors are not negative."""
+        """Return the rules that both factors must not be negative, a list of `Rule`."""
         return [not_negative(name, getattr(self, name)) for name in ("mass", "stiffness")]
 
     @classmethod
     def from_ratios(
         cls, first: tuple[ArrayLike, ArrayLike], second: tuple[ArrayLike, ArrayLike]
     ) -> Rayleigh:
-        """Return the damping with given ratios at two frequencies.
+        """Return the Rayleigh damping that has given damping ratios at two frequencies.
 
         Args:
             first, second: pairs (frequency, Hz; damping ratio, without unit).
@@ -70,7 +70,7 @@ class Rayleigh:
         f = nan_if_broken(positive("first_frequency", f))
         g = nan_if_broken(positive("second_frequency", g))
         for name, own in (("first", ratio), ("second", other)):
-            warn_of_large_ratios(own, f"{name}: damping ratio")
+            warn_of_large_damping_ratios(own, f"{name}: damping ratio")
         a, b = 2 * np.pi * f, 2 * np.pi * g
         difference = checks.array_if_known(b**2 - a**2)
         if difference is not None and difference == 0:
@@ -81,7 +81,7 @@ class Rayleigh:
 
 @pytree
 class ModalDamping:
-    """Damping ratios of given modes; motion beside these modes is not damped.
+    """Damping by a ratio for each of the given modes; other motion is not damped.
 
     ``C = sum of 2 ratio w M phi phi^T M / (phi^T M phi)`` with the circular frequencies w. The
     matrix couples all nodes: it is meant for up to a thousand displacements.
@@ -115,10 +115,10 @@ class ModalDamping:
         ratios = checks.floats_of_shape(self.ratios, "ratios", (), frequency.shape)
         set_fields(self, frequency=frequency, shapes=shapes, ratios=ratios)
         refuse_if_broken(self.rules())
-        warn_of_large_ratios(ratios, "ratios")
+        warn_of_large_damping_ratios(ratios, "ratios")
 
     def rules(self) -> list[Rule]:
-        """Return the rule that ratios are not negative."""
+        """Return the rule that ratios must not be negative, a list of one `Rule`."""
         return [not_negative("ratios", self.ratios)]
 
 
@@ -164,7 +164,7 @@ class Dashpots:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rule that coefficients are not negative."""
+        """Return the rule that coefficients must not be negative, a list of one `Rule`."""
         return [not_negative("coefficient", self.coefficient)]
 
     def check(self, structure: Structure) -> None:
@@ -173,24 +173,30 @@ class Dashpots:
 
     @property
     def is_grounded(self) -> bool:
-        """Whether the dampers join nodes to the ground."""
+        """Whether the dampers join nodes to the ground, and not pairs of nodes."""
         return self.nodes.array.ndim == 1
 
-    def matrices(self, nodes: Float[Array, "n_row 3"], motion: Motion) -> RowMatrices:
-        """Return the damping matrices at a motion of all rows; `nodes` are initial positions, m."""
+    def matrices(self, nodes: Float[Array, "n_row 3"], motion: Motion) -> DamperMatrices:
+        """Return the damping matrix of each dashpot, N s/m, with its direction in a motion.
+
+        `nodes` are the initial positions of all rows, m, and `motion` is theirs.
+        """
         links, c = jnp.asarray(self.nodes.array), jnp.asarray(self.coefficient, nodes.dtype)
         if self.is_grounded:
-            return RowMatrices(links[:, None], jax.vmap(jnp.diag)(c))
+            return DamperMatrices(links[:, None], jax.vmap(jnp.diag)(c))
         at = (nodes + motion[:, :3])[links]
         along = at[:, 1] - at[:, 0]
         square = jnp.sum(along**2, axis=1)
         scaled = jnp.concatenate([-along, along], axis=1)
         c = c / jnp.where(square > 0, square, jnp.inf)
-        return RowMatrices(links, c[:, None, None] * scaled[:, :, None] * scaled[:, None, :])
+        return DamperMatrices(links, c[:, None, None] * scaled[:, :, None] * scaled[:, None, :])
 
 
-def warn_of_large_ratios(ratios: Float[ArrayLike, " ..."], name: str) -> None:
-    """Warn of damping ratios of 1 or more, which may be percentages; not if they are traced."""
+def warn_of_large_damping_ratios(ratios: Float[ArrayLike, " ..."], name: str) -> None:
+    """Warn of damping ratios of 1 or more, which may be percentages; traced ones are not tested.
+
+    `name` is what the warning calls them.
+    """
     known = checks.array_if_known(ratios)
     if known is not None and (known >= 1).any():
         checks.warn_user(
@@ -200,7 +206,10 @@ def warn_of_large_ratios(ratios: Float[ArrayLike, " ..."], name: str) -> None:
 
 
 def as_dampings(damping: Any, structure: Structure) -> list[Rayleigh | ModalDamping | Dashpots]:
-    """Return the argument `damping` as a list; ValueError for anything else."""
+    """Return the argument `damping` of `transient` as a list, empty for None.
+
+    ValueError for anything but dampings, and for those of unknown nodes or of other structures.
+    """
     given = [] if damping is None else damping
     given = given if isinstance(given, list | tuple) else [given]
     for k, one in enumerate(given):
@@ -217,17 +226,21 @@ def as_dampings(damping: Any, structure: Structure) -> list[Rayleigh | ModalDamp
                 )
             itemsize = np.dtype(one.shapes.dtype).itemsize
             memory_limit.require_memory(
-                _MODAL_MATRICES * (3 * structure.n_node) ** 2 * itemsize,
+                _DENSE_DAMPING_MATRICES * (3 * structure.n_node) ** 2 * itemsize,
                 f"damping[{k}]: a dense damping matrix of {3 * structure.n_node} displacements",
                 "take Rayleigh damping",
             )
     return list(given)
 
 
-def coupled_rows(
+def rows_coupled_by_damping(
     structure: Structure, dampings: list[Rayleigh | ModalDamping | Dashpots]
 ) -> tuple[tuple[Indices, int, tuple[()]], ...]:
-    """Return which rows inertia and damping couple, triples as of `dof_map.make_dof_map`."""
+    """Return the rows that mass and damping matrices couple, for the sparsity pattern.
+
+    They are triples (rows of each matrix, degrees of freedom of a row, inner unknowns), as
+    `dof_map.make_dof_map` takes them.
+    """
     rows = structure.motion_rows()[0]
     n_row = structure.n_node if rows is None else len(rows)
     found = [(Indices(np.arange(n_row, dtype=np.int32)[:, None]), structure.space.n_freedom, ())]
@@ -240,15 +253,17 @@ def coupled_rows(
     return tuple(found)
 
 
-def rayleigh_matrices(
+def rayleigh_damping_matrices(
     dampings: list[Any], system: System, masses: list[Array], nodal_mass: Array, x: Motion
 ) -> tuple[list[Array] | None, Array | None]:
-    """Return damping matrices of elements and of rows by all `Rayleigh` dampings, or None.
+    """Return the damping matrices of all `Rayleigh` dampings: of elements, and of rows by mass.
+
+    Both are as in `Inertia`, `damping` and `nodal_damping`; (None, None) without `Rayleigh`.
 
     Args:
         dampings: list of dampings.
         system: `System` at the start.
-        masses, nodal_mass: as of `Inertia`.
+        masses, nodal_mass: mass matrices of elements and masses of rows, as in `Inertia`.
         x: motion at the start, of all rows.
     """
     given = [one for one in dampings if isinstance(one, Rayleigh)]
@@ -270,12 +285,15 @@ def rayleigh_matrices(
     return found, by_mass * nodal_mass[:, None, None] * which[None]
 
 
-def modal_matrix(one: ModalDamping, momentum: Float[Array, "n n_node 3"]) -> RowMatrices:
-    """Return the matrix of a `ModalDamping`; `momentum` are masses times its shapes, kg m."""
+def modal_damping_matrix(one: ModalDamping, momentum: Float[Array, "n n_node 3"]) -> DamperMatrices:
+    """Return the one matrix of a `ModalDamping`, which couples all nodes, N s/m.
+
+    `momentum` has the products of the mass matrix and the shapes, [n, n_node, 3], kg m.
+    """
     count, n_node = momentum.shape[:2]
     modal_mass = jnp.sum(one.shapes * momentum, axis=(1, 2))
     factor = 4 * jnp.pi * jnp.broadcast_to(one.ratios, count) * one.frequency / modal_mass
     flat = momentum.reshape(count, -1)
-    return RowMatrices(
+    return DamperMatrices(
         jnp.arange(n_node)[None], jnp.einsum("k,ki,kj->ij", factor, flat, flat)[None]
     )

@@ -14,7 +14,7 @@ from .response import Transient
 def dynamic_factors(
     motion: Transient, before: Solution | State, after: Solution | State
 ) -> PyTree[Float[Array, " n_elem"]]:
-    """Return by how much the force of every element swings beyond its static change.
+    """Return the dynamic factor of each element: largest change of its force over the static one.
 
     For a cable that breaks these are the factors of `design.loss_of_cable`::
 
@@ -52,31 +52,32 @@ def dynamic_factors(
         0 0 [1.997   nan]
     """
     first, last = (part.last if isinstance(part, Solution) else part for part in (before, after))
-    there = last.present
-    if there is None:
-        there = jax.tree.map(jnp.ones_like, last.tension)
+    present = last.present
+    if present is None:
+        present = jax.tree.map(jnp.ones_like, last.tension)
     else:  # groups without tension have an entry, too
-        there = jax.tree.map(
+        present = jax.tree.map(
             lambda force, own: None if force is None else own,
-            *(last.tension, there),
+            *(last.tension, present),
             is_leaf=lambda x: x is None,
         )
-    return _largest_ratios(motion.tension, first.tension, last.tension, there)
+    return _largest_dynamic_factors(motion.tension, first.tension, last.tension, present)
 
 
 @as_program
-def _largest_ratios(history, before, after, there):
-    """Return the largest of (history - before) / (after - before), a pytree of [n_elem].
+def _largest_dynamic_factors(history, before, after, present):
+    """Return the largest value in time of (history - before) / (after - before), [n_elem] each.
 
-    NaN where it is not `there` after the event, a pytree of [n_elem].
+    `history` has forces in time, [steps + 1, n_elem], `present` is 1 for elements that are present
+    after the event. NaN where an element is absent then, or its static force does not change.
     """
     forces = jax.tree.leaves((before, after))
     largest = jnp.max(jnp.concatenate([jnp.max(jnp.abs(x), keepdims=True) for x in forces]))
 
-    def one(history, before, after, there):
+    def one(history, before, after, present):
         change = after - before
-        counts = (jnp.abs(change) > 1e-9 * largest) & (there > 0)
+        counts = (jnp.abs(change) > 1e-9 * largest) & (present > 0)
         ratio = (history - before[None]) / jnp.where(counts, change, jnp.nan)[None]
         return jnp.max(ratio, axis=0)
 
-    return jax.tree.map(one, history, before, after, there)
+    return jax.tree.map(one, history, before, after, present)

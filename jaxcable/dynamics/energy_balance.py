@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..spaces.space import Forces
-from .generalized_alpha import MotionState, body_displacement, to_space_axes
+from .generalized_alpha import MotionState, displacement_in_body_axes, to_space_axes
 from .inertial_system import InertialSystem
 
 
 @pytree
 class EnergyBalance:
-    """Energy since the start of a motion, of one time or of all, [...], J.
+    """Energies in a motion, and works since its start, of one time or of all, [...], J.
 
     Attributes:
         kinetic: kinetic energy.
@@ -47,7 +47,7 @@ class EnergyBalance:
 
     @property
     def error(self) -> Float[Array, " ..."]:
-        """Energy that is there beyond that at the start and the work, less what is dissipated, J.
+        """Kinetic, stored and dissipated energy less work and the energy at the start, J.
 
         It is what the steps in time gain or lose, and minus what friction and plastic strains
         dissipate.
@@ -62,7 +62,7 @@ class EnergyBalance:
         return cls(kinetic, stored, zero, zero, kinetic + stored)
 
     def go_on_from(self, begun: EnergyBalance) -> EnergyBalance:
-        """Return this balance with the energies `begun`, of fewer elements, and the same error."""
+        """Return this balance with the energies of `begun`, after a removal, and the same error."""
         total = begun.kinetic + begun.stored + self.dissipated - self.work - self.error
         return EnergyBalance(begun.kinetic, begun.stored, self.work, self.dissipated, total)
 
@@ -74,17 +74,17 @@ class EnergyBalance:
         after: tuple[Forces, Forces],
         stored: Float[Array, ""],
     ) -> EnergyBalance:
-        """Return the balance after a step.
+        """Return the balance at the end of a step, with the works in it added.
 
         Args:
             system: the `InertialSystem` of the step.
             ends: `MotionState` at both ends.
-            before, after: loads and damping forces on rows at both ends, N and N m.
+            before, after: pairs of loads and damping forces on rows at both ends, N and N m.
             stored: energy stored at the end, J.
         """
         begin, end = ends
         space, at = system.space, (begin.motion, end.motion)
-        moved = to_space_axes(space, end.motion, body_displacement(space, *at))
+        moved = to_space_axes(space, end.motion, displacement_in_body_axes(space, *at))
         works = [0.5 * jnp.sum((a + b) * moved) for a, b in zip(before, after, strict=True)]
         kinetic = kinetic_energy(system, end)
         work, dissipated = self.work + works[0], self.dissipated + works[1]
@@ -92,7 +92,7 @@ class EnergyBalance:
 
 
 def kinetic_energy(system: InertialSystem, state: MotionState) -> Float[Array, ""]:
-    """Return the kinetic energy of a motion, J."""
+    """Return the kinetic energy of the whole structure, rotary inertia included, J."""
     own, velocity = system.inertia, state.velocity
     total = 0.5 * jnp.sum(own.nodal_mass * jnp.sum(velocity[:, :3] ** 2, axis=1))
     for group, blocks in zip(system.groups, own.masses, strict=True):

@@ -33,12 +33,12 @@ and rad/s2."""
 
 
 @pytree
-class AlphaNumbers:
-    """The four numbers of the method, which follow from the spectral radius at high frequencies.
+class AlphaParameters:
+    """The four parameters of the generalized-alpha method.
 
     Attributes:
-        alpha_m, alpha_f: weights of the start of a step, of acceleration and of forces.
-        beta, gamma: numbers of Newmark's formulas.
+        alpha_m, alpha_f: weights of the start of a step, for accelerations and for forces.
+        beta, gamma: parameters of Newmark's formulas.
     """
 
     alpha_m: Float[Array, ""]
@@ -47,8 +47,8 @@ class AlphaNumbers:
     gamma: Float[Array, ""]
 
     @classmethod
-    def from_spectral_radius(cls, radius: Float[Array, ""]) -> AlphaNumbers:
-        """Return the numbers for a spectral radius at high frequencies, from 0 to 1."""
+    def from_spectral_radius(cls, radius: Float[Array, ""]) -> AlphaParameters:
+        """Return the parameters for a spectral radius at high frequencies, from 0 to 1."""
         alpha_m, alpha_f = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
         gamma = 0.5 - alpha_m + alpha_f
         return cls(alpha_m, alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2, gamma)
@@ -56,77 +56,77 @@ class AlphaNumbers:
 
 @pytree
 class MotionState:
-    """Motion of all rows at one time, and its rates.
+    """Motion, velocities and accelerations of all rows at one time.
 
     Attributes:
         motion: motion of all rows.
         velocity: velocities of all rows.
-        acceleration: accelerations v', in balance with the forces; of no meaning without mass.
-        lagging: accelerations a of Newmark's formulas.
+        acceleration: accelerations v', in balance with the forces; no meaning without mass.
+        auxiliary_acceleration: accelerations a of Newmark's formulas.
     """
 
     motion: Motion
     velocity: Rates
     acceleration: Rates
-    lagging: Rates
+    auxiliary_acceleration: Rates
 
 
 @pytree
 class TimeStep:
-    """A step in time: where it begins, and its numbers.
+    """A step in time by the generalized-alpha method: its start, duration and parameters.
 
     Attributes:
         begin: `MotionState` at its start.
         duration: duration h, s.
-        numbers: `AlphaNumbers`.
+        parameters: `AlphaParameters`.
     """
 
     begin: MotionState
     duration: Float[Array, ""]
-    numbers: AlphaNumbers
+    parameters: AlphaParameters
 
     @property
-    def velocity_factor(self) -> Float[Array, ""]:
-        """Derivative of the velocity at the end by the displacement of the step, 1/s."""
-        return self.numbers.gamma / (self.numbers.beta * self.duration)
+    def velocity_per_displacement(self) -> Float[Array, ""]:
+        """Derivative of the velocity at the end of the step by its displacement, 1/s."""
+        return self.parameters.gamma / (self.parameters.beta * self.duration)
 
     @property
-    def acceleration_factor(self) -> Float[Array, ""]:
-        """Derivative of the acceleration v' at the end by the displacement of the step, 1/s2."""
-        own = self.numbers
+    def acceleration_per_displacement(self) -> Float[Array, ""]:
+        """Derivative of the acceleration v' at the end of the step by its displacement, 1/s2."""
+        own = self.parameters
         whole = (1 - own.alpha_m) / (1 - own.alpha_f)
         return whole / (own.beta * self.duration**2)
 
     def end_state(self, space: Space, x: Motion) -> MotionState:
         """Return the `MotionState` at the end of the step, where the motion of all rows is `x`."""
-        begin, own, h = self.begin, self.numbers, self.duration
-        moved = body_displacement(space, begin.motion, x)
-        lagging = (moved / h - begin.velocity) / (own.beta * h)
-        lagging = lagging - (0.5 / own.beta - 1) * begin.lagging
-        change = (1 - own.gamma) * begin.lagging + own.gamma * lagging
-        mixed = (1 - own.alpha_m) * lagging + own.alpha_m * begin.lagging
+        begin, own, h = self.begin, self.parameters, self.duration
+        moved = displacement_in_body_axes(space, begin.motion, x)
+        new = (moved / h - begin.velocity) / (own.beta * h)
+        new = new - (0.5 / own.beta - 1) * begin.auxiliary_acceleration
+        change = (1 - own.gamma) * begin.auxiliary_acceleration + own.gamma * new
+        mixed = (1 - own.alpha_m) * new + own.alpha_m * begin.auxiliary_acceleration
         acceleration = (mixed - own.alpha_f * begin.acceleration) / (1 - own.alpha_f)
-        return MotionState(x, begin.velocity + h * change, acceleration, lagging)
+        return MotionState(x, begin.velocity + h * change, acceleration, new)
 
     def balanced_state(self, space: Space, x: Motion) -> MotionState:
-        """Return the `MotionState` at which forces are in balance: that at the end of the step."""
+        """Return the `MotionState` in which the scheme balances forces: at the end of the step."""
         return self.end_state(space, x)
 
-    def predicted_motion(self, space: Space, farthest: Float[Array, ""]) -> Motion:
-        """Return the motion at the end of the step if the acceleration stays, of all rows.
+    def predicted_motion(self, space: Space, max_displacement: Float[Array, ""]) -> Motion:
+        """Return the predicted motion of all rows at the end of the step: constant acceleration.
 
-        If a row would move `farthest`, m, or more, all steps are shortened in proportion: from far,
-        an iteration may end in another equilibrium, such as a bar turned inside out.
+        If a row would move more than `max_displacement`, m, all steps are shortened in proportion:
+        from far, an iteration may end in another equilibrium, such as a bar turned inside out.
         """
         begin, h = self.begin, self.duration
-        step = h * begin.velocity + 0.5 * h**2 * begin.lagging
+        step = h * begin.velocity + 0.5 * h**2 * begin.auxiliary_acceleration
         moved = jnp.max(jnp.abs(step[:, :3]), initial=0.0)
-        step = step / jnp.maximum(moved / farthest, 1.0)
+        step = step / jnp.maximum(moved / max_displacement, 1.0)
         return space.motion_after_row_step(begin.motion, to_space_axes(space, begin.motion, step))
 
 
-def body_displacement(space: Space, before: Motion, after: Motion) -> Forces:
-    """Return displacements, m, and rotation vectors in the axes of the nodes, between two motions.
+def displacement_in_body_axes(space: Space, before: Motion, after: Motion) -> Forces:
+    """Return displacements of rows between two motions, m, and rotation vectors in body axes.
 
     The rotation vector is the same in the axes before and after, because it is their axis of
     rotation.
@@ -135,18 +135,18 @@ def body_displacement(space: Space, before: Motion, after: Motion) -> Forces:
 
 
 def to_space_axes(space: Space, motion: Motion, rates: Rates) -> Forces:
-    """Return rates of rows with those of rotations turned from the axes of nodes to x, y, z."""
+    """Return rates of rows with angular ones transformed from the axes of nodes to x, y, z."""
     rotations = space.rotations(motion)
-    return rates if rotations is None else _turn_spins(rotations, rates)
+    return rates if rotations is None else _rotate_angular_rates(rotations, rates)
 
 
 def to_body_axes(space: Space, motion: Motion, rates: Forces) -> Rates:
-    """Return rates of rows with those of rotations turned from x, y, z to the axes of nodes."""
+    """Return rates of rows with angular ones transformed from x, y, z to the axes of nodes."""
     rotations = space.rotations(motion)
-    return rates if rotations is None else _turn_spins(jax.vmap(invert)(rotations), rates)
+    return rates if rotations is None else _rotate_angular_rates(jax.vmap(invert)(rotations), rates)
 
 
-def _turn_spins(rotations, rates):
-    """Return rates of rows, [n_row, 6], with their last three columns rotated."""
+def _rotate_angular_rates(rotations, rates):
+    """Return rates of rows, [n_row, 6], with angular ones, the last three columns, rotated."""
     turned = jax.vmap(rotate)(rotations, rates[:, 3:])
     return jnp.concatenate([rates[:, :3], turned], axis=1)

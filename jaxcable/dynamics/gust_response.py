@@ -16,13 +16,13 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..model.structure import Structure
 from ..programs.program_calls import as_program
-from .damping import warn_of_large_ratios
-from .inertia import make_massive_system, split_for_modes
-from .load_histories import loaded_nodes
+from .damping import warn_of_large_damping_ratios
+from .inertia import make_system_with_nodal_masses, split_state_for_modes
+from .load_histories import nodes_with_mean_force
 from .modes import NaturalModes
 from .turbulence import Turbulence, inverse_velocity
 
-_EULER = 0.5772156649015329
+_EULER_CONSTANT = 0.5772156649015329
 # Frequencies of the integrals: a geometric series over the slow waves of the wind and all modes,
 # and around each mode points that are dense where its resonance is narrow: its share of the
 # integral is that of an arctangent, which they divide evenly.
@@ -83,7 +83,7 @@ def peak_factor(rate: Float[ArrayLike, ...], duration: Float[ArrayLike, ""]) -> 
     """
     count = jnp.asarray(rate) * jnp.asarray(duration)
     root = jnp.sqrt(2 * jnp.log(jnp.where(count > 1, count, jnp.nan)))
-    return root + _EULER / root
+    return root + _EULER_CONSTANT / root
 
 
 def gust_response(
@@ -147,7 +147,7 @@ def gust_response(
     if not isinstance(modes, NaturalModes):
         kind = checks.describe_type(modes, "dynamics.modes(structure, solution)")
         raise ValueError(f"modes: expected NaturalModes, got {kind}")
-    split = split_for_modes(structure, state, None, None)
+    split = split_state_for_modes(structure, state, None, None)
     n, n_node = modes.shape.shape[:2]
     if n_node != structure.n_node or modes.unknowns.shape[1] != len(split[2].free):
         raise ValueError(
@@ -156,9 +156,9 @@ def gust_response(
             "`fixed`"
         )
     last = state.last if isinstance(state, Solution) else state
-    loaded = loaded_nodes(mean_forces, last.positions)
+    loaded = nodes_with_mean_force(mean_forces, last.positions)
     damping = checks.floats_of_shape(damping, "damping", (), (n,), hint="; one, or one for each")
-    warn_of_large_ratios(damping, "damping")
+    warn_of_large_damping_ratios(damping, "damping")
     damping = jnp.broadcast_to(nan_if_broken(positive("damping", damping)), (n,))
     duration = nan_if_broken(positive("duration", duration))
     own = last.positions[loaded], jnp.asarray(mean_forces)[loaded], modes.shape[:, loaded]
@@ -166,9 +166,9 @@ def gust_response(
         turbulence, *own, modes.squared, modes.modal_mass, damping
     )
     tensions = _modal_tensions(split, modes.unknowns)
-    displacement, factor = _deviations(modes.shape, covariance, rates, duration)
+    displacement, factor = _deviations_and_factors(modes.shape, covariance, rates, duration)
     found = [
-        (None, None) if own is None else _deviations(own, covariance, rates, duration)
+        (None, None) if own is None else _deviations_and_factors(own, covariance, rates, duration)
         for own in tensions
     ]
     return GustResponse(
@@ -195,7 +195,7 @@ def _modal_covariances(turbulence, points, mean_forces, shape, squared, modal_ma
     mean, distances = turbulence.velocity_at(points), turbulence.decay_distances(points)
     push = 2 * jnp.einsum("nac,ac->na", shape, mean_forces) * inverse_velocity(mean)[None]
     own = jnp.sqrt(jnp.where(squared > 0, squared, jnp.nan))
-    frequency = _frequencies(own / (2 * jnp.pi), damping)
+    frequency = _integration_frequencies(own / (2 * jnp.pi), damping)
     step = jnp.diff(frequency)
     weight = 0.5 * (jnp.append(step, 0.0) + jnp.append(0.0, step))
 
@@ -217,22 +217,25 @@ def _modal_covariances(turbulence, points, mean_forces, shape, squared, modal_ma
     return jnp.where(kept, covariance, jnp.nan), jnp.where(kept, rates, jnp.nan)
 
 
-def _frequencies(own, damping):
-    """Return the frequencies of the integrals, ascending, Hz; `own` and `damping` are of modes."""
-    fastest = _FASTEST * jnp.max(own)
-    part = jnp.linspace(0.0, 1.0, _SERIES, dtype=own.dtype)
+def _integration_frequencies(natural, damping):
+    """Return the frequencies at which spectra are integrated, ascending, Hz.
+
+    `natural` has the natural frequencies of the modes, [n], Hz, `damping` their damping ratios.
+    """
+    fastest = _FASTEST * jnp.max(natural)
+    part = jnp.linspace(0.0, 1.0, _SERIES, dtype=natural.dtype)
     series = _SLOWEST * (fastest / _SLOWEST) ** part
-    around = jnp.tan(jnp.linspace(-_WIDEST, _WIDEST, _AROUND, dtype=own.dtype))
-    near = own[:, None] * (1 + damping[:, None] * around[None])
-    near = jnp.where(near > _SLOWEST, near, own[:, None])
+    around = jnp.tan(jnp.linspace(-_WIDEST, _WIDEST, _AROUND, dtype=natural.dtype))
+    near = natural[:, None] * (1 + damping[:, None] * around[None])
+    near = jnp.where(near > _SLOWEST, near, natural[:, None])
     return jnp.sort(jnp.concatenate([series, near.reshape(-1)]))
 
 
 @as_program
 def _modal_tensions(split, unknowns):
-    """Return the change of tensions of all groups by each mode, [n, n_elem] each, N."""
+    """Return the changes of tensions by a unit amplitude of each mode, per group [n, n_elem], N."""
     n_node = split[0][0].shape[0]
-    system, x = make_massive_system(split, np.zeros(n_node))
+    system, x = make_system_with_nodal_masses(split, np.zeros(n_node))
 
     def tension(step):
         return system.results_by_name(system.move(x, step), "tension")["tension"]
@@ -244,8 +247,8 @@ def _modal_tensions(split, unknowns):
 
 
 @as_program
-def _deviations(parts, covariance, rates, duration):
-    """Return standard deviation and peak factor of responses that are sums over modes.
+def _deviations_and_factors(parts, covariance, rates, duration):
+    """Return standard deviations and peak factors of responses that are sums over modes, [...].
 
     Args:
         parts: response to an amplitude of each mode, [n, ...].

@@ -27,7 +27,7 @@ from ..stiffness.tangent import merge_solution_state, split_solution_state
 
 # Unknowns up to which matrices are dense: a pattern and its analysis would take longer.
 _DENSE_UNKNOWNS = 300
-_MOST_STEPS = 300  # of conjugate gradients with a mass matrix; 10 to 60 are needed
+_MAX_CG_STEPS = 300  # of conjugate gradients with a mass matrix; 10 to 60 are needed
 
 Masses: TypeAlias = (
     "Float[ArrayLike, ' n_node'] | Float[ArrayLike, ''] | PointMasses | Sequence[PointMasses]"
@@ -35,8 +35,8 @@ Masses: TypeAlias = (
 
 
 @pytree(kw_only=True)
-class MassiveSystem(System):
-    """A system with masses at nodes beside those of elements, for matrices at rest.
+class SystemWithNodalMasses(System):
+    """A system with masses at nodes, beside those of elements, for its matrices at rest.
 
     Attributes:
         nodal_mass: at every node, [n_node], kg.
@@ -45,35 +45,37 @@ class MassiveSystem(System):
     nodal_mass: Float[Array, " n_node"]
 
     def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
-        """Return the load stiffness, and zeros where the masses of nodes have their places."""
-        return self._with_nodal_part(super().external_stiffness_parts(x), 0.0, x)
+        """Return the parts of the load stiffness, and a zero part in place of nodal masses."""
+        return self._insert_nodal_masses(super().external_stiffness_parts(x), 0.0, x)
 
     def external_mass_parts(self, x: Motion) -> list[MatrixPart]:
-        """Return the masses of nodes, kg, beside zeros in the shapes of the load stiffness."""
+        """Return the part of the nodal masses, kg, beside zero parts like the load stiffness."""
         parts = super().external_mass_parts(x)
-        del parts[self._place_of_nodal_part(parts)]
-        return self._with_nodal_part(parts, 1.0, x)
+        del parts[self._index_of_nodal_masses(parts)]
+        return self._insert_nodal_masses(parts, 1.0, x)
 
-    def _with_nodal_part(self, parts, factor, x):
-        """Return matrix parts with that of nodal masses, times `factor`, at its place."""
+    def _insert_nodal_masses(self, parts, factor, x):
+        """Return matrix parts with the one of nodal masses, times `factor`, inserted among them."""
         blocks = factor * self.nodal_mass[:, None, None] * jnp.eye(3, dtype=x.dtype)[None]
         nodes = jnp.arange(len(self.nodal_mass))[:, None]
         own = self.space.transform_to_unknowns(blocks, nodes, 3, (), x)
         at = len(parts) - int(self.space.rotates)
         return [*parts[:at], own, *parts[at:]]
 
-    def _place_of_nodal_part(self, parts):
-        """Return the index of the nodal masses: before the term of moments on rotating nodes."""
+    def _index_of_nodal_masses(self, parts):
+        """Return the index of nodal masses in parts: before those of moments on rotating nodes."""
         return len(parts) - 1 - int(self.space.rotates)
 
 
-def split_for_modes(
+def split_state_for_modes(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None,
     linear_solver: str | None,
 ) -> tuple[Any, list[np.ndarray], Any]:
-    """Split a state as `split_solution_state` does, with a pattern for masses if it is large.
+    """Split a state into arrays, indices and dof map, with places for masses in its pattern.
+
+    The result is that of `split_solution_state`; a small structure has dense matrices, no pattern.
 
     Args:
         structure, state, fixed: as for `modes`.
@@ -102,24 +104,28 @@ def split_for_modes(
     return split_solution_state(structure, state, fixed, number=number)
 
 
-def make_massive_system(
+def make_system_with_nodal_masses(
     split: Any, masses: Float[Array, " n_node"]
-) -> tuple[MassiveSystem, Motion]:
-    """Return the `MassiveSystem` of a split state, with `masses` at its nodes, and its motion."""
+) -> tuple[SystemWithNodalMasses, Motion]:
+    """Return the `SystemWithNodalMasses` of a split state, and the motion of all its rows.
+
+    `split` is from `split_state_for_modes`; `masses` are those at nodes, [n_node], kg.
+    """
     without_indices, index_arrays, dof_map = split
     nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     masses = jnp.asarray(masses, nodes.dtype)
-    return MassiveSystem(**vars(system), nodal_mass=masses), restart.motion
+    return SystemWithNodalMasses(**vars(system), nodal_mass=masses), restart.motion
 
 
-def inertia_of_moving_ground(
-    system: MassiveSystem, x: Motion, gravity: Float[Array, ""], distribution: str | None
+def mass_times_ground_motion(
+    system: SystemWithNodalMasses, x: Motion, gravity: Float[Array, ""], distribution: str | None
 ) -> Float[Array, "n_free 3"]:
-    """Return the inertia forces on the unknowns when the ground accelerates by 1 m/s2, N.
+    """Return the mass matrix times a unit motion of the ground along x, y and z, [n_free, 3], kg.
 
-    Columns are those along x, y and z. All nodes accelerate with the ground, supports included, so
-    that the mass that couples what is free to supports counts.
+    All nodes move with the ground, supports included, so that the mass that couples unknowns to
+    supports counts. The products are the loads on unknowns for a ground that accelerates by
+    -1 m/s2.
     """
     ends: list[list[Array]] = [[], [], []]
     for group, blocks in zip(
@@ -143,13 +149,14 @@ def inertia_of_moving_ground(
     return jnp.stack(columns, axis=1)
 
 
-def movable_mass(
+def total_effective_mass(
     mass: Matrix, inertia: Float[Array, "n_free 3"], loose: Bool[Array, " n_free"]
 ) -> Float[Array, " 3"]:
     """Return the sum of the effective masses of all modes along x, y and z, [3], kg.
 
-    It is ``p M^-1 p`` with the `inertia` p of a moving ground, by conjugate gradients: scaled by
-    its diagonal, a mass matrix of finite elements has a small condition number, whatever its size.
+    It is ``p M^-1 p`` by conjugate gradients, with `inertia`, p, from `mass_times_ground_motion`.
+    Unknowns that are `loose` (without stiffness) are left out. Scaled by its diagonal, a mass
+    matrix of finite elements has a small condition number, whatever its size.
     """
     size = diagonal(mass)
     idle = (size <= 0) | loose
@@ -161,7 +168,7 @@ def movable_mass(
     tol = 100 * jnp.finfo(inertia.dtype).eps
 
     def one(force):
-        solved, _ = cg(product, force, tol=tol, maxiter=_MOST_STEPS, M=lambda v: v / scale)
+        solved, _ = cg(product, force, tol=tol, maxiter=_MAX_CG_STEPS, M=lambda v: v / scale)
         return force @ solved
 
     return jax.vmap(one)(jnp.where(idle[:, None], 0.0, inertia).T)

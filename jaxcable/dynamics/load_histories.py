@@ -16,10 +16,10 @@ from ..linear import unbatched
 from ..programs.program_calls import as_program
 from .turbulence import Turbulence, inverse_velocity
 
-_CHUNK = 256  # times at once: waves of all frequencies at these times are a table in memory
+_CHUNK_SIZE = 256  # times at once: all waves at these times are a table in memory
 # Share of the spectral density on the diagonal that is added to coherences, which are nearly 1 in
 # slow waves: their matrix has a Cholesky factor in spite of rounding.
-_APART = 1e-9
+_DIAGONAL_SHIFT = 1e-9
 
 
 def wind_velocities(
@@ -80,18 +80,22 @@ def wind_velocities(
         raise ValueError(f"dt = {float(known)}: must be positive")
     count = (steps + 1) // 2  # waves; their period is an even number of steps
     phases = jax.random.uniform(key, (count, len(points)), jnp.result_type(points), 0.0, 2 * np.pi)
-    return _wind_velocities(turbulence, points, phases, dt, steps=steps)
+    return _wind_velocity_fluctuations(turbulence, points, phases, dt, steps=steps)
 
 
 @functools.partial(as_program, static=("steps",))
-def _wind_velocities(turbulence, points, phases, dt, steps):
-    """Return the velocities of `wind_velocities`; `phases` of all waves are [n_wave, n], rad."""
+def _wind_velocity_fluctuations(turbulence, points, phases, dt, steps):
+    """Return fluctuations of the wind velocity, [steps + 1, n], m/s, as a sum of waves.
+
+    `phases` has the random phases of all waves at points, [n_wave, n], rad; other arguments and
+    the result are those of `wind_velocities`.
+    """
     count = len(phases)
     period = 2 * count
     mean, distances = turbulence.velocity_at(points), turbulence.decay_distances(points)
     number = jnp.arange(1, count + 1)
     rise = 1.0 / (period * dt)
-    floor = _APART * jnp.eye(len(mean), dtype=mean.dtype)
+    floor = _DIAGONAL_SHIFT * jnp.eye(len(mean), dtype=mean.dtype)
 
     def amplitudes(wave):
         """Return cosine and sine amplitudes of a wave at all points, [2, n]."""
@@ -111,9 +115,9 @@ def _wind_velocities(turbulence, points, phases, dt, steps):
         angle = (2 * np.pi / period) * turns.astype(mean.dtype)
         return jnp.cos(angle) @ waves[:, 0] + jnp.sin(angle) @ waves[:, 1]
 
-    chunks = -(-(steps + 1) // _CHUNK)
-    times = jnp.arange(chunks * _CHUNK).reshape(chunks, _CHUNK) % period
-    found = lax.map(chunk, times).reshape(chunks * _CHUNK, -1)[: steps + 1]
+    chunks = -(-(steps + 1) // _CHUNK_SIZE)
+    times = jnp.arange(chunks * _CHUNK_SIZE).reshape(chunks, _CHUNK_SIZE) % period
+    found = lax.map(chunk, times).reshape(chunks * _CHUNK_SIZE, -1)[: steps + 1]
     return jnp.where(are_rules_kept(turbulence.rules()) & (dt > 0), found, jnp.nan)
 
 
@@ -127,7 +131,7 @@ def wind_forces(
     key: PyTree[Array],
     quadratic: bool = False,
 ) -> Float[Array, "steps+1 n_node 3"]:
-    """Return the fluctuation of wind forces on nodes in time, a load beside the mean wind.
+    """Return the fluctuation of wind forces on nodes in time, without the mean wind.
 
     The wind at each loaded node is that of `wind_velocities`, u beside the mean V, and forces are
     quasi-steady: the mean force times ``2 u / V``, or ``2 u / V + (u / V)^2`` if `quadratic`.
@@ -159,7 +163,7 @@ def wind_forces(
         (6001, 2, 3) 145 N
     """
     positions = checks.as_floats(positions, "positions")
-    loaded = loaded_nodes(mean_forces, positions)
+    loaded = nodes_with_mean_force(mean_forces, positions)
     own = jnp.asarray(mean_forces)[loaded]
     options = {"dt": dt, "steps": steps, "key": key}
     velocity = wind_velocities(turbulence, positions[loaded], **options)
@@ -169,10 +173,10 @@ def wind_forces(
     return whole.at[:, loaded].set(ratio[..., None] * own[None])
 
 
-def loaded_nodes(
+def nodes_with_mean_force(
     mean_forces: Float[ArrayLike, "n_node 3"], positions: Float[ArrayLike, "n_node 3"]
 ) -> np.ndarray:
-    """Return the numbers of the nodes that have a mean force, ascending.
+    """Return the indices of the nodes whose mean force is not zero, ascending.
 
     Raises:
         ValueError: wrong shapes, traced forces, or none.
@@ -196,7 +200,7 @@ def falling_load(
     at: float = 0.0,
     duration: float = 0.0,
 ) -> Float[np.ndarray, "steps+1 n_node 3"]:
-    """Return the history of a load that falls off, such as ice, in time.
+    """Return the change of nodal forces in time when a load of the start falls off, such as ice.
 
     Args:
         forces: what falls off, a load of the start state, [n_node, 3], N; of ice

@@ -27,12 +27,12 @@ from ..mechanics.elementwise import Memory
 from ..numerics import implicit
 from ..spaces.space import Forces
 from .energy_balance import EnergyBalance
-from .generalized_alpha import AlphaNumbers, MotionState, TimeStep, to_body_axes
-from .inertial_system import Inertia, InertialSystem, initial_acceleration
+from .generalized_alpha import AlphaParameters, MotionState, TimeStep, to_body_axes
+from .inertial_system import Inertia, InertialSystem, initial_acceleration_and_load
 
 # largest displacement from the start of a step to the start of its iteration, in mean lengths of
 # elements
-_FARTHEST = 0.1
+_MAX_PREDICTED_DISPLACEMENT = 0.1
 
 SystemAt: TypeAlias = Callable[[Any, "Memory | None"], System]
 """Function from the entry of a time in the histories of loads, and history variables, to a system
@@ -40,16 +40,16 @@ without inertia."""
 
 
 @pytree
-class Running:
-    """What a step in time hands to the next one.
+class MarchState:
+    """State of time marching between two steps.
 
     Attributes:
         state: `MotionState`.
         memory: history variables of the elements, per group; None without any.
         energy: `EnergyBalance` so far.
-        forces: loads, and forces of dampers, on all rows, N and N m.
-        code: status so far.
-        factored: last matrix that a sparse solve has factorised.
+        forces: loads and damping forces on all rows, a pair of [n_row, n_freedom], N and N m.
+        code: status so far: OK, or that of the first step that failed.
+        factored: matrix that a sparse solver factorised last, to start the next step from.
     """
 
     state: MotionState
@@ -61,11 +61,11 @@ class Running:
 
 
 class StepSettings(NamedTuple):
-    """What is the same in all steps.
+    """Data that are the same in all steps in time.
 
     Attributes:
         inertia: `Inertia`.
-        numbers: `AlphaNumbers`.
+        parameters: `AlphaParameters`.
         duration: duration of a step, s.
         method: `Newton`.
         halvings: how often a step that fails may be halved.
@@ -74,7 +74,7 @@ class StepSettings(NamedTuple):
     """
 
     inertia: Inertia
-    numbers: AlphaNumbers
+    parameters: AlphaParameters
     duration: Float[Array, ""]
     method: Newton
     halvings: int
@@ -82,10 +82,10 @@ class StepSettings(NamedTuple):
     moves_supports: bool
 
 
-def begin_motion(
+def start_march(
     system: System, velocity: Forces, settings: StepSettings, code: Int[Array, ""], x: Any
-) -> Running:
-    """Return the state at the start, whose accelerations balance the forces there.
+) -> MarchState:
+    """Return the state at the start of a motion, with the accelerations that balance its forces.
 
     Args:
         system: the system at the start, under the loads that act from then on.
@@ -96,40 +96,41 @@ def begin_motion(
     """
     zero = jnp.zeros_like(velocity)
     at_rest = MotionState(x, to_body_axes(system.space, x, velocity), zero, zero)
-    step = TimeStep(at_rest, jnp.ones((), x.dtype), settings.numbers)
+    step = TimeStep(at_rest, jnp.ones((), x.dtype), settings.parameters)
     own = settings.make_system(system, settings.inertia, step)
-    found, load = initial_acceleration(system, own, at_rest)
+    found, load = initial_acceleration_and_load(system, own, at_rest)
     acceleration = to_body_axes(system.space, x, found)
-    state = copy_with(at_rest, acceleration=acceleration, lagging=acceleration)
+    state = copy_with(at_rest, acceleration=acceleration, auxiliary_acceleration=acceleration)
     forces = load, own.damping_force(state)
     memory = [s.memory for s in system.states] if system.has_memory else None
     energy = EnergyBalance.initial(own, state)
     factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
-    return Running(state, memory, energy, forces, code, factored)
+    return MarchState(state, memory, energy, forces, code, factored)
 
 
-def advance(
-    running: Running, system_at: SystemAt, here: Any, before: Any, settings: StepSettings
-) -> tuple[Running, Int[Array, ""]]:
-    """Return the state after a step, and the number of parts into which it was divided.
+def advance_one_step(
+    current: MarchState, system_at: SystemAt, entry: Any, before: Any, settings: StepSettings
+) -> tuple[MarchState, Int[Array, ""]]:
+    """Return the state after one step, and the number of parts into which it was divided.
 
-    A step that fails is divided in two, these again and so on, `StepSettings.halvings` times; the
-    loads in it are then interpolated.
+    A step that fails is halved up to `StepSettings.halvings` times, which gives 2, 4, 8 ...
+    parts; loads at the ends of parts are interpolated.
 
     Args:
-        running: `Running` before it.
+        current: `MarchState` before the step.
         system_at: `SystemAt`.
-        here, before: entries of the histories of loads at both ends of the step.
+        entry, before: loads at the end and at the start of the step, entries of their
+            histories.
         settings: `StepSettings`.
     """
-    whole = _advance_once(running, system_at, here, settings, settings.duration)
+    whole = _advance_undivided(current, system_at, entry, settings, settings.duration)
     if not settings.halvings:
         return whole, jnp.int32(1)
 
     def part(run, number, parts):
         at = number.astype(settings.duration.dtype) / parts
-        entry = jax.tree.map(lambda a, b: (1 - at) * a + at * b, before, here)
-        stepped = _advance_once(run, system_at, entry, settings, settings.duration / parts)
+        between = jax.tree.map(lambda a, b: (1 - at) * a + at * b, before, entry)
+        stepped = _advance_undivided(run, system_at, between, settings, settings.duration / parts)
         return select_tree(number <= parts, stepped, run)
 
     most = 2**settings.halvings
@@ -140,36 +141,36 @@ def advance(
                 skip = (number > parts) | (run.code != status.OK)
                 return lax.cond(skip, lambda r: r, lambda r: part(r, number, parts), run), None
 
-            return lax.scan(one, running, jnp.arange(1, most + 1))[0], parts
+            return lax.scan(one, current, jnp.arange(1, most + 1))[0], parts
 
-        failed = (found[0].code != status.OK) & (running.code == status.OK)
+        failed = (found[0].code != status.OK) & (current.code == status.OK)
         return lax.cond(failed, again, lambda f: f, found), None
 
     sizes = jnp.asarray([2**k for k in range(1, settings.halvings + 1)], jnp.int32)
     return lax.scan(halve, (whole, jnp.int32(1)), sizes)[0]
 
 
-def _advance_once(running, system_at, here, settings, duration):
-    """Return `Running` after a step of a `duration`, s, at whose end the loads are those `here`.
+def _advance_undivided(current, system_at, entry, settings, duration):
+    """Return the state after an undivided step of `duration`, s; `entry` has the loads at its end.
 
     The iteration is outside of the checkpoint: a backward pass has the motion that it has found.
     """
 
-    def systems(running, here):
-        bare = system_at(here, running.memory)
-        step = TimeStep(running.state, duration, settings.numbers)
-        return bare, settings.make_system(bare, settings.inertia, step, running.forces[0])
+    def systems(current, entry):
+        bare = system_at(entry, current.memory)
+        step = TimeStep(current.state, duration, settings.parameters)
+        return bare, settings.make_system(bare, settings.inertia, step, current.forces[0])
 
-    method, active = settings.method, running.code == status.OK
-    _, frozen = lax.stop_gradient(systems(*lax.stop_gradient((running, here))))
-    farthest = _FARTHEST * frozen.length_scale()
+    method, active = settings.method, current.code == status.OK
+    _, frozen = lax.stop_gradient(systems(*lax.stop_gradient((current, entry))))
+    farthest = _MAX_PREDICTED_DISPLACEMENT * frozen.length_scale()
     guess = frozen.impose_supports(frozen.step.predicted_motion(frozen.space, farthest))
-    outcome, factored = equilibrate(frozen, guess, method, active, running.factored)
+    outcome, factored = equilibrate(frozen, guess, method, active, current.factored)
     known = outcome.x, outcome.equilibrated, lax.stop_gradient(factored)
 
     @functools.partial(jax.checkpoint, prevent_cse=False)
-    def finish(running, here, known):
-        (bare, system), (x, ok, factored) = systems(running, here), known
+    def finish(current, entry, known):
+        (bare, system), (x, ok, factored) = systems(current, entry), known
         given = factored, *adjoint_cg_settings(method, system, x.dtype)
         sound = implicit.stop_gradient_unless(ok, system)
         x = implicit.attach_derivative_with_marks(sound, x, ok, *given)[0]
@@ -179,31 +180,32 @@ def _advance_once(running, system_at, here, settings, duration):
             resisting = bare.unbalanced(x) + system.inertia_force(end) + system.damping_force(end)
             load = load + system.space.reactions(resisting, x)
         forces = load, system.damping_force(end)
-        ends = running.state, end
-        memory, settled = running.memory, bare
+        ends = current.state, end
+        memory, settled = current.memory, bare
         if memory is not None:
             memory = bare.commit_memory(x, duration=duration)
-            settled = system_at(here, memory)  # what a step dissipates is stored no more
+            settled = system_at(entry, memory)  # what a step dissipates is stored no more
         stored = settled.stored_energy(x)
-        energy = running.energy.after_step(system, ends, running.forces, forces, stored)
-        after = Running(end, memory, energy, forces, running.code, running.factored)
-        return select_tree(ok, after, running)
+        energy = current.energy.after_step(system, ends, current.forces, forces, stored)
+        after = MarchState(end, memory, energy, forces, current.code, current.factored)
+        return select_tree(ok, after, current)
 
-    code = status.first_failure(running.code, outcome.code)
-    return copy_with(finish(running, here, known), code=code, factored=factored)
+    code = status.first_failure(current.code, outcome.code)
+    return copy_with(finish(current, entry, known), code=code, factored=factored)
 
 
 def run_steps(
-    running: Running,
-    advance_step: Callable[[Running, Any], tuple[Running, Any]],
+    current: MarchState,
+    advance_step: Callable[[MarchState, Any], tuple[MarchState, Any]],
     entries: Any,
     count: int,
-) -> tuple[Running, Any]:
-    """Run `count` steps: return the state after them, and what they give, stacked.
+) -> tuple[MarchState, Any]:
+    """Run `count` steps in checkpointed blocks: return the state after them, and stacked results.
 
     Args:
-        running: `Running`.
-        advance_step: function from it and an entry of `entries` to the next one and results.
+        current: `MarchState` before the first step.
+        advance_step: function of a state and an entry of `entries` that returns the next state and
+            the results of the step.
         entries: pytree of arrays [count, ...].
         count: number of steps.
     """
@@ -228,5 +230,5 @@ def run_steps(
     def block(run, entries):
         return lax.scan(one, run, entries)
 
-    running, found = lax.scan(block, running, (entries, live))
-    return running, jax.tree.map(lambda x: x.reshape(padded, *x.shape[2:])[:count], found)
+    current, found = lax.scan(block, current, (entries, live))
+    return current, jax.tree.map(lambda x: x.reshape(padded, *x.shape[2:])[:count], found)

@@ -25,10 +25,12 @@ from ..mechanics.elementwise import map_elements_at_ends
 from ..spaces.space import Forces, Motion
 
 
-def element_masses(
+def element_mass_matrices(
     system: System, x: Motion, gravity: Float[Array, ""], distribution: str | None
 ) -> list[Float[Array, "n_elem d d"]]:
-    """Return mass matrices by the translations of ends, per group [n_elem, 3 n_end, 3 n_end], kg.
+    """Return the mass matrices of elements for translations of their ends, kg.
+
+    They are a list with [n_elem, 3 n_end, 3 n_end] per group; zeros without a weight.
 
     Args:
         system: `System`.
@@ -47,13 +49,13 @@ def element_masses(
             shares = jnp.kron(shares, jnp.eye(3, dtype=x.dtype))
             blocks = (weights / gravity)[:, None, None] * shares[None]
         else:
-            blocks = _own_mass_matrices(system, group, state, x, weights / gravity, distribution)
+            blocks = _group_mass_matrices(system, group, state, x, weights / gravity, distribution)
         found.append(blocks)
     return found
 
 
-class _MassMatrix(NamedTuple):
-    """The mass matrix of one element as a function: equal ones are the same function to jax."""
+class _MassMatrixMethod(NamedTuple):
+    """Function that returns the mass matrix of one element; hashable, so that jax compiles once."""
 
     distribution: str | None
 
@@ -61,7 +63,7 @@ class _MassMatrix(NamedTuple):
         return one.mass_matrix(state, ends, motion, mass, self.distribution)
 
 
-def _own_mass_matrices(
+def _group_mass_matrices(
     system: System,
     group: Element,
     state: ElementState,
@@ -69,9 +71,12 @@ def _own_mass_matrices(
     mass: Float[Array, " n_elem"],
     distribution: str | None,
 ) -> Float[Array, "n_elem d d"]:
-    """Return the mass matrices that elements without rotations have themselves, kg."""
+    """Return the mass matrices of a group without rotations, by its method `mass_matrix`, kg.
+
+    `mass` are the masses of elements, [n_elem], kg.
+    """
     at, size = (system.nodes[group.links], x[group.links]), group.links.shape[1] - group.n_inner_row
-    mass_matrix: Any = _MassMatrix(distribution)
+    mass_matrix: Any = _MassMatrixMethod(distribution)
     found = map_elements_at_ends(mass_matrix, group, state, at, (mass,))
     return found[:, : 3 * size, : 3 * size]
 
@@ -79,7 +84,7 @@ def _own_mass_matrices(
 def rotary_inertia(
     system: System, x: Motion, gravity: Float[Array, ""]
 ) -> Float[Array, "n_row 3 3"] | None:
-    """Return the rotary inertia of rows in the axes of their nodes, [n_row, 3, 3], kg m2, or None.
+    """Return the rotary inertia tensors of rows in the axes of their nodes, [n_row, 3, 3], kg m2.
 
     It is that of the sections of beams, half at each end: mass times the squared radii of gyration
     of the section, which are those of its stiffness. None if nodes do not rotate.
@@ -100,20 +105,20 @@ def rotary_inertia(
 
 
 def _gyration_tensor(one, state, ends, motion):
-    """Return squared radii of gyration of a section of one beam as a tensor, [3, 3], m2."""
+    """Return the rotary inertia tensor of a beam over its mass, [3, 3], m2, in nodal axes."""
     axes, stiffness = one.axes(ends), one.section.stiffness()
     y, z = stiffness[1, 1] / stiffness[0, 0], stiffness[2, 2] / stiffness[0, 0]
     return axes.T @ (jnp.stack([y + z, y, z])[:, None] * axes)
 
 
-def mass_forces(
+def mass_times_acceleration(
     system: System,
     masses: tuple[list[Float[Array, "n_elem d d"]], Float[Array, " n_row"]],
     acceleration: Float[Array, "n_row 3"],
 ) -> Forces:
-    """Return masses times accelerations of rows, [n_row, 3], as forces on rows, N.
+    """Return the mass matrix times accelerations, [n_row, 3], m/s2, as forces on all rows, N.
 
-    `masses` are those of elements (`element_masses`) and of rows, [n_row], kg.
+    `masses` are the matrices of elements (`element_mass_matrices`), and masses of rows, kg.
     """
     ends = []
     for group, blocks in zip(system.groups, masses[0], strict=True):
@@ -125,10 +130,10 @@ def mass_forces(
     return system.sum_at_rows(ends).at[:, :3].add(masses[1][:, None] * acceleration)
 
 
-def sum_of_nodes(
+def sum_at_nodes(
     system: System, values: Float[Array, "n_row n"], n_node: int
 ) -> Float[Array, "n_node n"]:
-    """Return values of rows with those of hinged ends added to their nodes, [n_node, n]."""
+    """Return values of rows summed at nodes, [n_node, n]: rows of hinged ends add to theirs."""
     if system.dof_map.node_of_row is None:
         return values[:n_node]
     rows = jnp.asarray(system.dof_map.node_of_row)

@@ -25,11 +25,11 @@ from ..numerics.nan_marks import nan_unless_valid
 
 # Frequencies squared that differ by less, over the larger one, are equal: their difference has few
 # correct digits (rounding of a stiffness is some eps times the ratio of its eigenvalues).
-_EQUAL = 1e-6
+_EQUAL_SQUARES = 1e-6
 
 
-class SimpleModes(NamedTuple):
-    """Lowest modes with derivatives: the result of `find_modes`.
+class ModesWithDerivatives(NamedTuple):
+    """Lowest modes, differentiable where their frequency is simple: the result of `find_modes`.
 
     Attributes:
         squared: w^2, [n], ascending; inf for modes without mass, NaN if none were found.
@@ -49,8 +49,8 @@ class SimpleModes(NamedTuple):
 @functools.partial(jax.custom_jvp, nondiff_argnums=(3,))
 def find_modes(
     stiffness: linear.Matrix, mass: linear.Matrix, loose: Bool[Array, " n_free"], n: int
-) -> SimpleModes:
-    """Find the lowest `n` modes of K and M, ``K v = w^2 M v``, differentiable where w is simple.
+) -> ModesWithDerivatives:
+    """Find the `n` lowest modes, ``K v = w^2 M v``, with derivatives where w is not repeated.
 
     Args:
         stiffness, mass: K and M, on one pattern.
@@ -63,19 +63,19 @@ def find_modes(
     sizes = jnp.maximum(jnp.abs(squared[:n, None]), jnp.abs(squared[None, :]))
     others = jnp.arange(n)[:, None] != jnp.arange(len(squared))[None, :]
     # (two modes without mass are no equal ones: inf - inf is NaN)
-    equal = gaps <= _EQUAL * sizes + found.rounding
+    equal = gaps <= _EQUAL_SQUARES * sizes + found.rounding
     repeated = jnp.any(others & equal & jnp.isfinite(squared)[:n, None], axis=1)
-    return SimpleModes(squared[:n], found.vectors[:n], repeated, found.symmetric, found)
+    return ModesWithDerivatives(squared[:n], found.vectors[:n], repeated, found.symmetric, found)
 
 
 def multiply(matrix: linear.Matrix, vectors: Float[Array, "n n_free"]) -> Float[Array, "n n_free"]:
-    """Multiply a matrix by each of several vectors."""
+    """Return the products of a matrix and each of n vectors, [n, n_free]."""
     return jax.vmap(lambda v: matrix @ v)(vectors)
 
 
 @find_modes.defjvp
 def _find_modes_jvp(n, primals, tangents):
-    """JVP rule of `find_modes`; the further modes have no tangents."""
+    """Return modes and their derivatives along `tangents` of K and M; NaN where w is repeated."""
     stiffness, mass, loose = primals
     modes = find_modes(*primals, n)
     changes = [

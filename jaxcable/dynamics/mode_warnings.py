@@ -17,7 +17,7 @@ from ..model.structure import Structure
 from ..stiffness.tangent import merge_solution_state
 
 
-def warn_of_loose_nodes(loose: Bool[ArrayLike, " n_node"]) -> None:
+def warn_of_nodes_without_stiffness(loose: Bool[ArrayLike, " n_node"]) -> None:
     """Warn of nodes without stiffness, [n_node] bool, which modes leave out; not while traced."""
     known = checks.array_if_known(loose)
     if known is None or not known.any():
@@ -32,9 +32,9 @@ def warn_of_loose_nodes(loose: Bool[ArrayLike, " n_node"]) -> None:
 
 
 def warn_of_freed_supports(state: Solution | State, fixed: Bool[ArrayLike, "n_row n"]) -> None:
-    """Warn if `fixed`, as of `modes`, leaves free some of what the supports of a state hold.
+    """Warn if a degree of freedom that a support of the state holds is not in `fixed`.
 
-    All of it is free, as a body without supports, if nothing is fixed.
+    `fixed` is that of `modes`. If it holds nothing, a free body is meant, without a warning.
     """
     last = state.last if isinstance(state, Solution) else state
     phase = checks.array_if_known(last.phase)
@@ -51,7 +51,7 @@ def warn_of_freed_supports(state: Solution | State, fixed: Bool[ArrayLike, "n_ro
 
 
 def warn_of_weights_without_mass(structure: Structure, state: Solution | State) -> None:
-    """Warn if downward nodal loads of a state, which have no mass, are more than its weights."""
+    """Warn if downward nodal loads of a state, which have no mass, exceed weights of elements."""
     restart = (state.last if isinstance(state, Solution) else state).restart
     weights = [
         group.weights(own)
@@ -74,9 +74,9 @@ def warn_of_weights_without_mass(structure: Structure, state: Solution | State) 
 def warn_of_modes_within_spans(
     structure: Structure, split: Any, gravity: ArrayLike, frequency: Float[ArrayLike, " n"]
 ) -> None:
-    """Warn if a catenary vibrates within its span more slowly than one of the frequencies, Hz.
+    """Warn if a catenary has a mode within its span that is slower than the highest `frequency`.
 
-    Nothing happens while they are traced. The state is `split` as by `split_for_modes`; weights are
+    Traced frequencies, Hz, are not tested. `split` is from `split_state_for_modes`; weights are
     divided by `gravity`, m/s2.
     """
     known = checks.array_if_known(frequency)
@@ -86,12 +86,12 @@ def warn_of_modes_within_spans(
     nodes, groups, restart = merge_solution_state(*split[:2])
     no_unknowns: Any = None
     named = structure.named_groups()
-    for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
-        where = named[number][0]
+    for index, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
+        where = named[index][0]
         if not isinstance(group, Hanging) or group.weight is None:
             continue
         system = make_system(nodes, groups, restart, None, no_unknowns)
-        tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)
+        tension = evaluate_elements("tension", group, system.states[index], nodes, restart.motion)
         # first frequency of a taut string with the mass of the catenary: exact across a shallow one
         mass = group.weights(state) / gravity
         mass = jnp.where(mass > 0, mass, jnp.nan)

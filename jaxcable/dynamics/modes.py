@@ -23,17 +23,17 @@ from ..numerics.scaled import mode_shape_scales
 from ..programs.program_calls import as_program
 from ..stiffness.tangent import require_dense_memory, require_symmetric_elements
 from .inertia import (
-    inertia_of_moving_ground,
-    make_massive_system,
-    movable_mass,
+    make_system_with_nodal_masses,
+    mass_times_ground_motion,
     nodal_masses,
-    split_for_modes,
+    split_state_for_modes,
+    total_effective_mass,
 )
 from .mode_derivatives import find_modes
 from .mode_warnings import (
     warn_of_freed_supports,
-    warn_of_loose_nodes,
     warn_of_modes_within_spans,
+    warn_of_nodes_without_stiffness,
     warn_of_weights_without_mass,
 )
 
@@ -185,7 +185,7 @@ def modes(
     gravity = nan_if_broken(positive("gravity", gravity))
     added = nodal_masses(structure, masses)
     require_symmetric_elements(structure, "modes")
-    split = split_for_modes(structure, state, fixed, linear_solver)
+    split = split_state_for_modes(structure, state, fixed, linear_solver)
     if fixed is not None:
         warn_of_freed_supports(state, fixed)
     if masses is None:
@@ -200,7 +200,7 @@ def modes(
         )
     n = min(n, len(split[2].free))
     if n == 0:
-        raise ValueError(_nothing_moves(structure))
+        raise ValueError(_no_moving_mass_message(structure))
     static = {"distribution": distribution, "n": n}
     found, symmetric, has_mass = _natural_modes(split, gravity, added, **static)
     if checks.array_if_known(symmetric) is not None and not symmetric:
@@ -209,15 +209,15 @@ def modes(
             "frequencies may be complex, and only symmetric problems are solved"
         )
     if checks.array_if_known(has_mass) is not None and not has_mass:
-        raise ValueError(_nothing_moves(structure))
+        raise ValueError(_no_moving_mass_message(structure))
     found = _without_massless_modes(found)
-    warn_of_loose_nodes(found.loose)
+    warn_of_nodes_without_stiffness(found.loose)
     warn_of_modes_within_spans(structure, split, gravity, found.frequency)
     return found
 
 
-def _nothing_moves(structure):
-    """Return the message for a structure of which nothing that has mass is free to move."""
+def _no_moving_mass_message(structure):
+    """Return the error message for a structure none of whose free unknowns has mass."""
     hint = ""
     if any(isinstance(group, Hanging) for group in structure.groups):
         hint = "; catenaries have no modes within their span: use a chain of Cables"
@@ -226,16 +226,14 @@ def _nothing_moves(structure):
 
 @functools.partial(as_program, static=("distribution", "n"))
 def _natural_modes(split, gravity, masses, distribution, n):
-    """Return the `NaturalModes` of a split state, a program.
-
-    Also whether its tangent is symmetric, and whether anything that moves has mass.
+    """Return the `NaturalModes` of a state, whether K is symmetric, and whether M is not zero.
 
     Args:
-        split: as from `split_for_modes`.
+        split: as from `split_state_for_modes`.
         gravity, distribution, n: as for `modes`.
         masses: added masses of the nodes, [n_node], kg.
     """
-    system, x = make_massive_system(split, masses)
+    system, x = make_system_with_nodal_masses(split, masses)
     dof_map = system.dof_map
     gravity = jnp.asarray(gravity, system.nodes.dtype)
     stiffness, mass = system.tangent(x), system.mass_matrix(x, gravity, distribution)
@@ -248,7 +246,7 @@ def _natural_modes(split, gravity, masses, distribution, n):
     scale = mode_shape_scales(shape, found.vectors)
     massive = jnp.isfinite(found.squared)
     unscaled = jnp.where((scale == 0) & massive, 1.0, scale)  # rotations alone: no displacements
-    pulled = inertia_of_moving_ground(system, x, gravity, distribution)
+    pulled = mass_times_ground_motion(system, x, gravity, distribution)
     shares = found.vectors @ pulled
     modal_mass = jnp.where(massive, unscaled**2, 0.0)
     positive_mode = found.squared > 0
@@ -262,7 +260,7 @@ def _natural_modes(split, gravity, masses, distribution, n):
         modal_mass=modal_mass,
         participation=shares / jnp.where(massive, unscaled, 1.0)[:, None],
         effective_mass=shares**2,
-        total_mass=movable_mass(mass, pulled, loose),
+        total_mass=total_effective_mass(mass, pulled, loose),
         repeated=found.repeated,
         loose=_nodes_of_unknowns(loose, dof_map, len(system.nodal_mass)),
         status=jnp.where(ok, status.OK, status.MODES_NOT_FOUND).astype(jnp.int32),
@@ -271,13 +269,13 @@ def _natural_modes(split, gravity, masses, distribution, n):
 
 
 def _nodes_of_unknowns(chosen, dof_map, n_node):
-    """Return which nodes have one of the chosen unknowns, [n_free] bool; [n_node] bool."""
+    """Return which nodes have at least one of the unknowns `chosen`, [n_free] bool: [n_node]."""
     count = jnp.zeros(dof_map.unknown_of_dof.shape[0], jnp.int32)
     return count.at[dof_map.row_of_unknown].max(chosen.astype(jnp.int32))[:n_node] > 0
 
 
 def _without_massless_modes(found: NaturalModes) -> NaturalModes:
-    """Return modes without those of infinite frequency; unchanged while traced."""
+    """Return modes without those that have no mass (infinite frequency); traced ones unchanged."""
     known = checks.array_if_known(found.squared)
     if known is None or not np.isposinf(known).any():
         return found

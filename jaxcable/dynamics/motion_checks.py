@@ -28,8 +28,8 @@ _ENERGY_ERROR = 0.05  # of the largest energy, from which on a motion gets a war
 _UNSEEN_OF_STORED, _UNSEEN_OF_LARGEST = 1e-10, 1e-6
 
 
-def require_newton(method: Any) -> Newton:
-    """Return the method of `transient`, `Newton` with its defaults for None; else ValueError."""
+def newton_or_default(method: Any) -> Newton:
+    """Return `method`, or `Newton()` for None; ValueError for any other method than `Newton`."""
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(
@@ -61,13 +61,15 @@ def require_mass(structure: Structure, masses: Float[ArrayLike, " n_node"] | Non
         )
 
 
-def velocity_of_free_nodes(
+def initial_velocity(
     velocity: Float[ArrayLike, "n_node n"],
     structure: Structure,
     fixed: FixedDofs,
     loads: Sequence[Varying],
 ) -> Float[ArrayLike, "n_node n"]:
-    """Return the velocities at the start, checked; NaN if traced ones move what is held.
+    """Return the checked argument `velocity` of `transient`, [n_node, 3 or 6], m/s and rad/s.
+
+    Traced velocities of held degrees of freedom make all of it NaN.
 
     Supports that a load moves may have a velocity.
 
@@ -107,10 +109,13 @@ def velocity_of_free_nodes(
     return velocity
 
 
-def removed_elements(
+def removal_masks(
     removes: Any, structure: Structure, start: Solution | State | None
 ) -> list[Bool[ArrayLike, " n_elem"]]:
-    """Return which elements a `Removal` removes, per group; ValueError if one is not there."""
+    """Return which elements a `Removal` removes, per group [n_elem] bool.
+
+    ValueError if one is absent from `start` already.
+    """
     gone = element_masks(removes.elements, structure, "removes.elements")
     last = start.last if isinstance(start, Solution) else start
     if last is None:
@@ -126,7 +131,7 @@ def removed_elements(
 
 
 def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) -> int:
-    """Return after how many steps a `Removal` takes place.
+    """Return the number of steps before a `Removal`: its time over the duration of a step.
 
     Raises:
         ValueError: its time is no whole number of steps, the end of the motion, or traced; its
@@ -151,8 +156,8 @@ def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) ->
     return round(number)
 
 
-def checked_histories(names: str | Sequence[str], structure: Structure) -> tuple[str, ...]:
-    """Return the names of histories as a tuple; ValueError for one that nothing has."""
+def checked_history_names(names: str | Sequence[str], structure: Structure) -> tuple[str, ...]:
+    """Return the argument `histories` as a tuple of names; ValueError for unknown ones."""
     names = (names,) if isinstance(names, str) else tuple(names)
     of_groups = [result.name for group in structure.groups for result in group.results]
     known = list(dict.fromkeys([*NODAL_HISTORIES, "tension", "peak_tension", *of_groups]))
@@ -166,8 +171,8 @@ def checked_histories(names: str | Sequence[str], structure: Structure) -> tuple
     return names
 
 
-def chosen_nodes(nodes: Any, count: int) -> Indices | None:
-    """Return numbers of nodes as `Indices`, None for all; ValueError for wrong or unknown ones."""
+def checked_node_indices(nodes: Any, count: int) -> Indices | None:
+    """Return the argument `nodes` as `Indices`, or None for all; ValueError for unknown nodes."""
     if nodes is None:
         return None
     numbers = checks.as_indices(nodes, "nodes")
@@ -178,7 +183,7 @@ def chosen_nodes(nodes: Any, count: int) -> Indices | None:
 def warn_of_energy_error(
     energy: EnergyBalance, time: Float[Array, " m"], structure: Structure
 ) -> None:
-    """Warn of a motion whose energy is wrong by more than 5 % of the largest one; not if traced.
+    """Warn if the steps gain or lose more than 5 % of the largest energy; not while traced.
 
     What friction and plastic strains dissipate counts as lost in `EnergyBalance.error`: with
     history variables energy that is gained alone is wrong.

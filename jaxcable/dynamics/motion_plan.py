@@ -14,66 +14,66 @@ NODAL_HISTORIES = ("displacement", "velocity", "acceleration", "rotation", "reac
 
 
 class MotionPlan(NamedTuple):
-    """What is static in a motion.
+    """Static arguments of the program of a motion: a change of one compiles it anew.
 
     Attributes:
         bundles: which groups are evaluated together.
         steps: number of steps.
-        first: number of steps before elements are removed; all of them without removal.
+        steps_before_removal: number of steps before elements are removed; `steps` without removal.
         histories: names of the histories that are kept.
         nodes: nodes whose histories are kept, `Indices`; None: all.
         n_node: number of nodes.
         distribution: as for `transient`.
         halvings: how often a step may be halved.
         conserves: whether energy and momentum are conserved.
-        moving: places of loads that move, of `time_loads.moving_numbers`.
+        moving_loads: where moving loads are stored, as `time_loads.moving_load_values` returns.
     """
 
     bundles: Bundles
     steps: int
-    first: int
+    steps_before_removal: int
     histories: tuple[str, ...]
     nodes: Indices | None
     n_node: int
     distribution: str | None
     halvings: int
     conserves: bool
-    moving: tuple[tuple[int, int], ...]
+    moving_loads: tuple[tuple[int, int], ...]
 
 
 @pytree
 class MotionData:
-    """Numbers of a motion.
+    """Traced arguments of the program of a motion.
 
     Attributes:
         duration: duration of a step, s.
-        radius: spectral radius at high frequencies.
+        spectral_radius: spectral radius of the scheme at high frequencies, 0 to 1.
         gravity: acceleration that weights are divided by, m/s2.
         masses: masses added to nodes, [n_node], kg, or None.
         velocity: velocity at the start, [n_node, 3 or 6], or None.
         forces: forces on nodes in time, [steps + 1, n_node, 3 or 6], N and N m, or None.
-        base: acceleration of the base in time, [steps + 1, 3], m/s2, or None.
-        moving: numbers of loads that move, of `time_loads.moving_numbers`.
+        base_acceleration: acceleration of the base in time, [steps + 1, 3], m/s2, or None.
+        moving_loads: leaves of moving loads in time, as `time_loads.moving_load_values` returns.
         dampings: list of dampings.
-        stays: which elements are not removed, per bundle [n_elem] bool; None if none is.
-        release: duration over which the forces of removed elements end, s.
+        remaining: which elements are not removed, per bundle [n_elem] bool; None if none is.
+        release_duration: duration over which the forces of removed elements end, s.
     """
 
     duration: Float[ArrayLike, ""]
-    radius: Float[ArrayLike, ""]
+    spectral_radius: Float[ArrayLike, ""]
     gravity: Float[ArrayLike, ""]
     masses: Float[ArrayLike, " n_node"] | None
     velocity: Float[ArrayLike, "n_node n"] | None
     forces: Float[ArrayLike, "m n_node n"] | None
-    base: Float[ArrayLike, "m 3"] | None
-    moving: list[list[Float[Array, "m ..."]]]
+    base_acceleration: Float[ArrayLike, "m 3"] | None
+    moving_loads: list[list[Float[Array, "m ..."]]]
     dampings: list[Any]
-    stays: list[Bool[ArrayLike, " n_elem"]] | None
-    release: Float[ArrayLike, ""]
+    remaining: list[Bool[ArrayLike, " n_elem"]] | None
+    release_duration: Float[ArrayLike, ""]
 
 
 class MotionHistories(NamedTuple):
-    """What the program of a motion returns; arrays have a leading axis [steps + 1].
+    """Results of a motion by time step; arrays have a leading axis of time, [steps + 1].
 
     Attributes:
         codes: status after every step.

@@ -16,14 +16,14 @@ from ..mechanics.restart_state import with_loads_until
 from ..numerics import implicit
 from ..programs.program_calls import as_program
 from .generalized_alpha import to_space_axes
-from .march import begin_motion
-from .motion_model import MotionModel, row_values, with_presence
+from .march import start_march
+from .motion_model import MotionModel, values_at_rows, with_elements_present
 from .motion_plan import NODAL_HISTORIES, MotionHistories
 
 
 @functools.partial(as_program, static=("plan",))
 def compute_motion(without_indices, arrays, method, code, data, plan):
-    """Compute a motion in time as one program.
+    """Compute all steps of a motion in time as one program.
 
     Args:
         without_indices, arrays, method, code: as in `preparation.PreparedAnalysis`.
@@ -42,22 +42,22 @@ def compute_motion(without_indices, arrays, method, code, data, plan):
     phase = schedule.phase(0)
     before = with_loads_until(restart, restart.loads, phase.number)
     ramp = LoadRamp.build(nodes, groups, before, phase)
-    if data.stays is not None:
-        ramp = with_presence(ramp, [jnp.ones(len(g.links), bool) for g in groups])
+    if data.remaining is not None:
+        ramp = with_elements_present(ramp, [jnp.ones(len(g.links), bool) for g in groups])
     touched = implicit.gradient_probe((parameters, data))
-    entries = _load_entries(ramp, data, plan)
+    entries = _load_histories(ramp, data, plan)
     model = MotionModel(ramp, data, plan, method)
     x = ramp.start.motion
     first = jax.tree.map(lambda a: a[0], entries)
-    settings = model.settings(first, x)
-    running = begin_motion(
-        model.system_at(first, ramp.memory), row_values(ramp, data.velocity), settings, code, x
+    settings = model.time_step_settings(first, x)
+    current = start_march(
+        model.system_at(first, ramp.memory), values_at_rows(ramp, data.velocity), settings, code, x
     )
-    found = [_at_start(model.record(running, first, settings, jnp.int32(1)))]
-    running, part = model.run(running, entries, settings, 0, plan.first)
+    found = [_with_time_axis(model.make_record(current, first, settings, jnp.int32(1)))]
+    current, part = model.run(current, entries, settings, 0, plan.steps_before_removal)
     found.append(part)
-    if plan.first < plan.steps:
-        running, part = _go_on_after_removal(model, running, entries, plan)
+    if plan.steps_before_removal < plan.steps:
+        current, part = _run_after_removal(model, current, entries, plan)
         found.append(part)
     whole = jax.tree.map(lambda *parts: jnp.concatenate(parts), *found)
     codes, parts, histories, energy = whole
@@ -68,47 +68,47 @@ def compute_motion(without_indices, arrays, method, code, data, plan):
     return MotionHistories(codes, parts, histories, energy)
 
 
-def _go_on_after_removal(model, running, entries, plan):
-    """Return `Running` and histories of the steps after elements have been removed.
+def _run_after_removal(model, current, entries, plan):
+    """Return the last `MarchState` and the histories of the steps after the removal.
 
     The forces that the removed elements exert, and the loads on them, act on as loads that end over
     the duration of the removal.
     """
-    data, at = model.data, jax.tree.map(lambda a: a[plan.first], entries)
-    whole, x = model.system_at(at, running.memory), running.state.motion
-    left = MotionModel(with_presence(model.ramp, data.stays), data, plan, model.method)
-    settings = left.settings(at, x)
-    left.released = left.system_at(at, running.memory).unbalanced(x) - whole.unbalanced(x)
-    passed = jnp.arange(plan.steps + 1 - plan.first) * data.duration
-    sudden = data.release <= 0
-    share = jnp.where(sudden, 0.0, 1 - passed / jnp.where(sudden, 1.0, data.release))
-    share = jnp.concatenate([jnp.zeros(plan.first, share.dtype), jnp.clip(share, 0.0, 1.0)])
+    data, first = model.data, plan.steps_before_removal
+    at = jax.tree.map(lambda a: a[first], entries)
+    whole, x = model.system_at(at, current.memory), current.state.motion
+    left = MotionModel(with_elements_present(model.ramp, data.remaining), data, plan, model.method)
+    settings = left.time_step_settings(at, x)
+    left.released_forces = left.system_at(at, current.memory).unbalanced(x) - whole.unbalanced(x)
+    passed = jnp.arange(plan.steps + 1 - first) * data.duration
+    sudden = data.release_duration <= 0
+    share = jnp.where(sudden, 0.0, 1 - passed / jnp.where(sudden, 1.0, data.release_duration))
+    share = jnp.concatenate([jnp.zeros(first, share.dtype), jnp.clip(share, 0.0, 1.0)])
     entries = {**entries, "released": share}
-    at = jax.tree.map(lambda a: a[plan.first], entries)
-    space = whole.space
-    velocity = to_space_axes(space, x, running.state.velocity)
-    begun = begin_motion(left.system_at(at, running.memory), velocity, settings, running.code, x)
-    energy = running.energy.go_on_from(begun.energy)
-    begun = copy_with(begun, energy=energy, memory=running.memory)
-    return left.run(begun, entries, settings, plan.first, plan.steps - plan.first)
+    at = jax.tree.map(lambda a: a[first], entries)
+    velocity = to_space_axes(whole.space, x, current.state.velocity)
+    begun = start_march(left.system_at(at, current.memory), velocity, settings, current.code, x)
+    energy = current.energy.go_on_from(begun.energy)
+    begun = copy_with(begun, energy=energy, memory=current.memory)
+    return left.run(begun, entries, settings, first, plan.steps - first)
 
 
-def _load_entries(ramp, data, plan):
-    """Return the histories of loads, a dict of arrays [steps + 1, ...]."""
+def _load_histories(ramp, data, plan):
+    """Return the loads at all times by kind, a dict of arrays [steps + 1, ...]."""
     dtype = ramp.nodes.dtype
     parameter = jnp.arange(plan.steps + 1, dtype=dtype) / max(plan.steps, 1)
     # at the start loads are those that act from then on
     entries = {"parameter": jnp.maximum(parameter, jnp.finfo(dtype).tiny)}
     entries |= {} if data.forces is None else {"forces": data.forces}
-    entries |= {"moving": data.moving} if data.moving else {}
-    return entries | ({} if data.base is None else {"base": data.base})
+    entries |= {"moving": data.moving_loads} if data.moving_loads else {}
+    return entries | ({} if data.base_acceleration is None else {"base": data.base_acceleration})
 
 
-def _at_start(record):
-    """Return what is kept of the start with an axis of time, [1, ...]."""
+def _with_time_axis(record):
+    """Return a record of one time with a leading axis of time, arrays [1, ...]."""
     return jax.tree.map(lambda x: jnp.asarray(x)[None], record)
 
 
 def _is_float(x):
-    """Return whether a leaf of numbers is a float."""
+    """Return whether an array or number has a float dtype."""
     return jnp.issubdtype(jnp.result_type(x), jnp.floating)

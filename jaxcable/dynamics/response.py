@@ -65,8 +65,10 @@ class Transient:
 
     @property
     def acceleration(self) -> Float[Array, "m n n_freedom"]:
-        """Accelerations of the nodes, [steps + 1, n, 3 or 6], m/s2 and rad/s2; without mass no
-        meaning."""
+        """Accelerations of the nodes, [steps + 1, n, 3 or 6], m/s2 and rad/s2.
+
+        Those of degrees of freedom without mass have no meaning.
+        """
         return self._history("acceleration")
 
     @property
@@ -85,7 +87,7 @@ class Transient:
         return self._history("tension")
 
     def _history(self, name):
-        """Return a history; ValueError if it was not asked for."""
+        """Return a history by name; ValueError if `transient` was not asked to keep it."""
         if name not in self.histories:
             raise ValueError(f"histories: has no {name!r}; ask for it by histories=[...]")
         return self.histories[name]

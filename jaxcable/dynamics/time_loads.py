@@ -21,21 +21,24 @@ from .motion_checks import require_finite
 
 
 class TimeLoads(NamedTuple):
-    """The argument `loads` of `transient`, sorted.
+    """The argument `loads` of `transient`, sorted into loads of a phase, forces and functions.
 
     Attributes:
-        kept: loads of the package for a phase whose load factor is time over its duration.
+        phase_loads: loads of the package for a phase whose load factor is time over its duration.
         forces: sum of the forces on nodes in time, [steps + 1, n_node, 3 or 6], N and N m, or None.
-        moving: functions of time that return element loads, by their index in `kept`.
+        moving_by_index: functions of time that return loads, by their index in `phase_loads`.
     """
 
-    kept: list[Varying]
+    phase_loads: list[Varying]
     forces: Float[Array, "m n_node n"] | None
-    moving: dict[int, Callable[[Array], Any]]
+    moving_by_index: dict[int, Callable[[Array], Any]]
 
 
-def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> TimeLoads:
-    """Sort the argument `loads` of `transient`; ValueError, which names it, for a wrong one."""
+def sort_time_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> TimeLoads:
+    """Sort the argument `loads` of `transient` by kind; ValueError for wrong ones.
+
+    `times` are those of the steps, [steps + 1], s, at which functions of time are evaluated.
+    """
     given = [] if loads is None else loads
     given = list(given) if isinstance(given, list | tuple) else [given]
     kept, forces, moving = [], [], {}
@@ -46,7 +49,7 @@ def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> T
             first.check(structure)
             shape = shapes[-1], structure.nodes.dtype
             forces.append(
-                _at_times(
+                _evaluate_at_times(
                     lambda t, one=one, shape=shape: one(t).nodal_forces(*shape),
                     f"loads[{k}]",
                     times,
@@ -65,22 +68,22 @@ def sort_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> T
             # all of it acts from the start on
             kept.append(first if isinstance(first, Varying) else Varying(first, (0, 1), (1, 1)))
         else:
-            values = jnp.asarray(in_time(one, f"loads[{k}]", times, *shapes))
+            values = jnp.asarray(sample_in_time(one, f"loads[{k}]", times, *shapes))
             require_finite(values, f"loads[{k}]")
             more = shapes[-1][-1] - values.shape[-1]
             forces.append(jnp.pad(values, [(0, 0), (0, 0), (0, more)]))
     return TimeLoads(kept, sum(forces) if forces else None, moving)
 
 
-def in_time(
+def sample_in_time(
     given: Any, name: str, times: Float[Array, " m"], *shapes: tuple[int, ...]
 ) -> Float[ArrayLike, "m ..."]:
-    """Return values in time, [steps + 1, ...], of an array or of a function of time, s.
+    """Return values at all times, [steps + 1, ...], of an array or of a function of time, s.
 
     They have one of the `shapes` at each time; ValueError, which names the argument, otherwise.
     """
     if callable(given):
-        values = _at_times(given, name, times)
+        values = _evaluate_at_times(given, name, times)
         found = getattr(values, "shape", None)
         if found is None or found[1:] not in shapes:
             right = " or ".join(map(str, shapes))
@@ -94,8 +97,8 @@ def in_time(
     return values
 
 
-def _at_times(function, name, times):
-    """Return a function of time at all times; ValueError if it needs the value of a time."""
+def _evaluate_at_times(function, name, times):
+    """Return the values of a function at all times; ValueError if it cannot be traced by jax."""
     try:
         return jax.vmap(function)(times)
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
@@ -105,10 +108,10 @@ def _at_times(function, name, times):
         ) from error
 
 
-def moving_numbers(
+def moving_load_values(
     loads: TimeLoads, task: PreparedAnalysis, structure: Structure, times: Float[Array, " m"]
 ) -> tuple[list[list[Float[Array, "m ..."]]], tuple[tuple[int, int], ...]]:
-    """Return the numbers of moving loads in time, and where they are in the loads of an analysis.
+    """Return the values of moving loads in time, and where the analysis stores these loads.
 
     Returns:
         For every moving load its leaves, [steps + 1, ...]; index of its `LoadStack` among the loads
@@ -120,7 +123,7 @@ def moving_numbers(
         return found if task.bundles.are_groups else found.on_bundles(task.bundles)
 
     kinds: list[Any] = []
-    for load in (own.load for own in loads.kept):
+    for load in (own.load for own in loads.phase_loads):
         if isinstance(load, PersistentLoad):
             found = load.with_group_indices(structure)
             kinds.append((jax.tree.structure(found), tuple(map(np.shape, jax.tree.leaves(found)))))
@@ -129,24 +132,24 @@ def moving_numbers(
     order = list(dict.fromkeys(kind for kind in kinds if kind is not None))
     earlier = len(task.loads) - len(order)
     numbers, places = [], []
-    for k, function in loads.moving.items():
+    for k, function in loads.moving_by_index.items():
         places.append((earlier + order.index(kinds[k]), kinds[:k].count(kinds[k])))
         numbers.append(
-            _at_times(
+            _evaluate_at_times(
                 lambda t, function=function: jax.tree.leaves(prepared(function(t))), "loads", times
             )
         )
     return numbers, tuple(places)
 
 
-def with_moved_loads(
+def set_moving_loads(
     stacks: Sequence[LoadStack],
     places: Sequence[tuple[int, int]],
     numbers: Sequence[Sequence[Array]],
 ) -> list[LoadStack]:
-    """Return the loads of a `RestartState` with the numbers that moving loads have at one time.
+    """Return load stacks in which moving loads have their values of one time.
 
-    `places` are those of `moving_numbers`, `numbers` the leaves of each of these loads.
+    `places` are those of `moving_load_values`, `numbers` the leaves of each load at this time.
     """
     found = list(stacks)
     for (k, i), leaves in zip(places, numbers, strict=True):

@@ -18,24 +18,24 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..equilibrium.newton import Newton
 from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..model.structure import Structure
-from .conserving_system import require_conserving
-from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, coupled_rows
+from .conserving_system import require_energy_momentum_input
+from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, rows_coupled_by_damping
 from .inertia import nodal_masses
 from .motion_checks import (
-    checked_histories,
-    chosen_nodes,
-    removed_elements,
+    checked_history_names,
+    checked_node_indices,
+    initial_velocity,
+    newton_or_default,
+    removal_masks,
     require_finite,
     require_mass,
-    require_newton,
     step_of_removal,
-    velocity_of_free_nodes,
     warn_of_energy_error,
 )
 from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
 from .motion_program import compute_motion
 from .response import Transient
-from .time_loads import in_time, moving_numbers, sort_loads
+from .time_loads import moving_load_values, sample_in_time, sort_time_loads
 
 SCHEMES = "generalized-alpha", "energy-momentum"
 DISTRIBUTIONS = "lumped", "consistent", "mean"
@@ -43,7 +43,7 @@ DISTRIBUTIONS = "lumped", "consistent", "mean"
 
 @pytree
 class Removal:
-    """Elements that are removed within a motion, such as a cable that breaks.
+    """Removal of elements at a time within a motion, such as a cable that breaks.
 
     The forces that they exert at this moment, and the loads on them, are ramped to zero over the
     duration. Their masses go at once; nodes keep their velocity.
@@ -186,57 +186,57 @@ def transient(
     text = "must be from 0 to 1"
     radius = nan_if_broken(Rule("spectral_radius", radius, lambda v: (v < 0) | (v > 1), text))
     gravity = nan_if_broken(positive("gravity", gravity))
-    method = require_newton(method)
+    method = newton_or_default(method)
     added = None if masses is None else nodal_masses(structure, masses)
     require_mass(structure, added)
     dampings = as_dampings(damping, structure)
     count = structure.n_node
     times = jnp.arange(steps + 1) * jnp.asarray(duration)
-    sorted_loads = sort_loads(loads, structure, times)
-    phase = Phase(loads=sorted_loads.kept or None, increments=steps)
-    coupled = coupled_rows(structure, dampings)
+    time_loads = sort_time_loads(loads, structure, times)
+    phase = Phase(loads=time_loads.phase_loads or None, increments=steps)
+    coupled = rows_coupled_by_damping(structure, dampings)
     conserves = scheme == "energy-momentum"
     if conserves:
-        require_conserving(structure, sorted_loads.kept, start)
+        require_energy_momentum_input(structure, time_loads.phase_loads, start)
     coupling: Any = {"coupled": coupled, "symmetric": not conserves}
     task = prepare(structure, phase, method, start, to_end=True, **coupling)
     if velocity is not None:
-        velocity = velocity_of_free_nodes(velocity, structure, task.fixed[-1], sorted_loads.kept)
+        velocity = initial_velocity(velocity, structure, task.fixed[-1], time_loads.phase_loads)
     base = None
     if base_acceleration is not None:
-        base = in_time(base_acceleration, "base_acceleration", times, (3,))
-    stays, first = None, steps
+        base = sample_in_time(base_acceleration, "base_acceleration", times, (3,))
+    remaining, first = None, steps
     release: ArrayLike = 0.0
     if removes is not None:
-        gone = removed_elements(removes, structure, start)
-        stays = task.bundles.join([~one for one in gone])
+        gone = removal_masks(removes, structure, start)
+        remaining = task.bundles.join([~one for one in gone])
         first, release = step_of_removal(removes, duration, steps), removes.duration
-    moving, places = moving_numbers(sorted_loads, task, structure, times)
+    moving, places = moving_load_values(time_loads, task, structure, times)
     data = MotionData(
         duration=duration,
-        radius=radius,
+        spectral_radius=radius,
         gravity=gravity,
         masses=added,
         velocity=velocity,
-        forces=sorted_loads.forces,
-        base=base,
-        moving=moving,
+        forces=time_loads.forces,
+        base_acceleration=base,
+        moving_loads=moving,
         dampings=dampings,
-        stays=stays,
-        release=release,
+        remaining=remaining,
+        release_duration=release,
     )
-    kept_nodes = chosen_nodes(nodes, count)
+    kept_nodes = checked_node_indices(nodes, count)
     plan = MotionPlan(
         bundles=task.bundles,
         steps=steps,
-        first=first,
-        histories=checked_histories(histories, structure),
+        steps_before_removal=first,
+        histories=checked_history_names(histories, structure),
         nodes=kept_nodes,
         n_node=count,
         distribution=distribution,
         halvings=halvings,
         conserves=conserves,
-        moving=places,
+        moving_loads=places,
     )
     found = compute_motion(
         task.without_indices, task.arrays, task.method, task.code, data, plan=plan

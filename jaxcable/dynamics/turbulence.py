@@ -105,8 +105,8 @@ class Turbulence:
     def velocity_at(self, points: Float[ArrayLike, "n 3"]) -> Float[Array, " n"]:
         """Return the mean velocity at points [n, 3], m: [n], m/s."""
         points = jnp.asarray(points)
-        upwards = self._axes()[2].astype(points.dtype)
-        return self._velocity(points @ upwards - self.ground)
+        upwards = self._wind_axes()[2].astype(points.dtype)
+        return self._mean_velocity(points @ upwards - self.ground)
 
     def density(
         self, frequency: Float[ArrayLike, ...], velocity: Float[ArrayLike, ...]
@@ -119,7 +119,7 @@ class Turbulence:
         """
         frequency, velocity = jnp.broadcast_arrays(frequency, velocity)
         if self.spectrum == "Davenport":
-            x = frequency * _DAVENPORT_LENGTH / self._velocity(jnp.asarray(_REFERENCE_HEIGHT))
+            x = frequency * _DAVENPORT_LENGTH / self._mean_velocity(jnp.asarray(_REFERENCE_HEIGHT))
             share = 2 / 3 * x**2 / (1 + x**2) ** (4 / 3)
         else:
             x = frequency * self.length_scale * inverse_velocity(velocity)
@@ -133,9 +133,12 @@ class Turbulence:
         return jnp.where(velocity > 0, density, 0.0)
 
     def decay_distances(self, points: Float[ArrayLike, "n 3"]) -> Float[Array, "n n"]:
-        """Return the distances r of points in the coherence ``exp(-f r / V)``, [n, n], m."""
+        """Return the distances of all pairs of points, scaled by `decay`: r in ``exp(-f r / V)``.
+
+        They are [n, n], m.
+        """
         points = jnp.asarray(points)
-        along = jnp.stack([points @ axis.astype(points.dtype) for axis in self._axes()], axis=1)
+        along = jnp.stack([points @ a.astype(points.dtype) for a in self._wind_axes()], axis=1)
         apart = (along[:, None] - along[None]) * jnp.asarray(self.decay)[None, None]
         return safe_norm(apart)
 
@@ -157,7 +160,7 @@ class Turbulence:
         root = jnp.where(density > 0, jnp.sqrt(jnp.where(density > 0, density, 1.0)), 0.0)
         return root[:, None] * root[None] * jnp.exp(-frequency * distances * slowness)
 
-    def _velocity(self, height):
+    def _mean_velocity(self, height):
         """Return the mean velocity at heights above ground, m/s, in their shape."""
         profile: Any = self.profile
         pressure = profile.pressure_at(height)
@@ -165,14 +168,14 @@ class Turbulence:
         velocity = jnp.sqrt(2 * jnp.where(blown, pressure, 1.0) / profile.density)
         return jnp.where(blown, velocity, 0.0)
 
-    def _axes(self):
-        """Return unit vectors along the wind, across and upwards."""
+    def _wind_axes(self):
+        """Return unit vectors along the wind, across it and upwards, three arrays [3]."""
         wind, up = jnp.asarray(self.direction), jnp.asarray(self.vertical)
         wind, up = wind / jnp.sqrt(jnp.sum(wind**2)), up / jnp.sqrt(jnp.sum(up**2))
         return wind, cross(up, wind), up
 
 
 def inverse_velocity(velocity: Float[Array, ...]) -> Float[Array, ...]:
-    """Return one over velocities, s/m, or 0 where there is no wind."""
+    """Return the reciprocals of velocities, s/m; 0 where the velocity is zero."""
     blown = velocity > 0
     return jnp.where(blown, 1.0 / jnp.where(blown, velocity, 1.0), 0.0)

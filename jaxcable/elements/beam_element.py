@@ -70,7 +70,7 @@ class BeamElement(InnerUnknowns):
             pressed = corotation.pressure_load(pose, state.pressures, state.rest_length)[0]
             load = pressed if load is None else load + pressed
         length = state.rest_length
-        inner = None if self.section.is_elastic else self._strain_unknowns(motion, length)
+        inner = None if self.section.is_elastic else self._strain_coefficients(motion, length)
         stretch = (state.elongation + pose.change) / length
         stiffness = self.section.stiffness() if inner is None else None
         angles = self._shear_angles(motion, pose.rotations, length, load, stiffness)

@@ -35,6 +35,7 @@ from .element import Ends, Motion
 from .friction import deviation_angles
 from .sliding import moved_segments_with_lengths, segment_length_changes
 
+_MOST_TILT = np.sin(np.radians(20.0))  # of a segment out of the plane of its saddle, at the start
 _MAX_STEPS = 60  # of the directions of segments; 3 to 8 are seen
 
 
@@ -165,24 +166,27 @@ def saddle_rules(
     length = sizes(start)
     unit = start / pack.maximum(length, 1e-300)[..., None]
     first, last = unit[:, :-1], unit[:, 1:]
+    shorter = pack.minimum(length[:, :-1], length[:, 1:])  # fillers use no radius
+    on = (radius > 0) & (shorter > 0)
+    large = "must not be larger than half of the distance to the next node"
+    room = Rule("radius", (radius, shorter), lambda r, s: (r > 0.5 * s) & (s > 0), large)
     if axis is None:
         sine = sizes(pack.cross(first, last))
         text = "the polygon of the nodes is straight there, or turns back; give `axis`"
-    else:
-        about = axis / pack.maximum(sizes(axis), 1e-300)[..., None]
-        sine = pack.minimum(sizes(pack.cross(first, about)), sizes(pack.cross(last, about)))
-        text = "`axis` is zero there, or along a segment; the cable turns about it"
-    shorter = pack.minimum(length[:, :-1], length[:, 1:])  # fillers use no radius
-    large = "must not be larger than half of the distance to the next node"
+        straight = Rule("radius", (radius, sine, on), lambda _, s, on: on & (s < 1e-6), text)
+        return [straight, room]
+    about = axis / pack.maximum(sizes(axis), 1e-300)[..., None]
+    tilt = pack.maximum(*(abs((about * one).sum(axis=-1)) for one in (first, last)))
+    tilt = pack.where(sizes(axis) > 0, tilt, 1.0)
+    along = "`axis` is zero there, or more than 20 degrees off the normal of a segment"
+    turn = (about * pack.cross(first, last)).sum(axis=-1)
+    ahead = (first * last).sum(axis=-1) >= 0  # up to a quarter turn, else it is three or more
+    lifted = "the cable turns against `axis` there, and would lift off; reverse the vector"
     return [
-        Rule("radius", (radius, sine, shorter), _has_no_plane, text),
-        Rule("radius", (radius, shorter), lambda r, s: (r > 0.5 * s) & (s > 0), large),
+        Rule("radius", (radius, tilt, on), lambda _, t, on: on & (t > _MOST_TILT), along),
+        Rule("radius", (radius, turn, on & ahead), lambda _, t, on: on & (t < -1e-6), lifted),
+        room,
     ]
-
-
-def _has_no_plane(radius, sine, shorter):
-    """Return where the plane of a saddle is not known; arguments are those of `saddle_rules`."""
-    return (radius > 0) & (sine < 1e-6) & (shorter > 0)
 
 
 class _Circle(NamedTuple):

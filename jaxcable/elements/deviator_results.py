@@ -12,9 +12,9 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from .cable_path import CablePath, saddle_moments
 from .element import Element, Ends, Motion
 from .element_state import OwnState
-from .friction import SegmentTensions, slips
+from .friction import SegmentTensions, slip_lengths
 
-_STRAIGHT = 1e-6  # largest logarithm of the ratio of tensions below which a cable is straight
+_STRAIGHT = 1e-6  # log of the largest ratio of tensions below which a cable counts as straight
 
 
 class Slipping(Element):
@@ -22,11 +22,11 @@ class Slipping(Element):
 
     @abc.abstractmethod
     def is_slipping(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, " n_place"]:
-        """Return at which of its places one element slips, or is about to, [n_place] bool."""
+        """Return at which of its places one element slips or is about to slip, [n_place] bool."""
 
 
 class DeviatorResults(Slipping):
-    """Results at the deviators of one cable with friction, all [n_deviator] or [n_deviator, 3].
+    """Cables with friction that have results at their deviators, [n_deviator] or [n_deviator, 3].
 
     Subclasses have `path` and `_segments_with_tensions`, as `FrictionCables`.
     """
@@ -36,30 +36,31 @@ class DeviatorResults(Slipping):
     radius: Float[ArrayLike, "n_elem n_deviator"] | None
 
     def slip(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n_deviator"]:
-        """Return what has slipped over each deviator so far, towards the next segment, m.
+        """Return the length that has slipped over each deviator so far, [n_deviator], m.
 
-        It is unstressed length at the reference temperature.
+        It is positive towards the next segment, and unstressed length at the reference temperature.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
-        return state.memory + slips(found) / state.heat_factor
+        return state.memory + slip_lengths(found) / state.thermal_stretch_or_one
 
     def is_slipping(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, " n"]:
         """Return at which deviators one cable slips with friction, or is about to, [n_deviator]."""
         found = self._segments_with_tensions(state, ends, motion)[1]
-        before, after = found.at_deviators()
+        before, after = found.deviator_tensions()
         taut = (before > 0) & (after > 0) & (found.bound > _STRAIGHT)
         return taut & (found.sign != 0) & (state.clamped == 0)
 
     def friction_used(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
-        """Return the logarithm of the ratio of tensions at each deviator over the largest one.
+        """Return the utilization of friction at each deviator, -1 to 1, more at a clamp.
 
-        1 or -1: the cable slips; beyond: at a clamp. Zero without tension or friction, and where
-        the cable is straight.
+        It is the logarithm of the ratio of the tensions after and before the deviator over the
+        largest one. 1 or -1: the cable slips towards the next segment, or back. Zero without
+        tension or friction, and where the cable is straight.
         """
         found = self._segments_with_tensions(state, ends, motion)[1]
-        before, after = found.at_deviators()
+        before, after = found.deviator_tensions()
         counts = (before > 0) & (after > 0) & (found.bound > _STRAIGHT)
         ratio = jnp.where(counts, after, 1.0) / jnp.where(counts, before, 1.0)
         return jnp.log(ratio) / jnp.where(counts, found.bound, 1.0)
@@ -67,27 +68,27 @@ class DeviatorResults(Slipping):
     def clamp_force(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
-        """Return the difference of the tensions at each clamp of one cable, N; 0 without a clamp.
+        """Return the tension after each clamp less that before it, N; 0 where there is no clamp.
 
-        It is that of the next segment less that before; friction helps to hold it.
+        Friction carries a part of this difference.
         """
-        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        before, after = self._segments_with_tensions(state, ends, motion)[1].deviator_tensions()
         return jnp.where(state.clamped > 0, after - before, 0.0)
 
     def contact_arc(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
-        """Return the length on each saddle with a radius, m; negative: the cable would lift off."""
+        """Return the contact length on each saddle, m; negative where the cable would lift off."""
         return jnp.asarray(self.radius) * jnp.asarray(self.path(ends, motion).contact_angle)
 
     def contact_pressure(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, " n_deviator"]:
-        """Return the largest force per length on each saddle, T / r, N/m; 0 without a radius.
+        """Return the contact force per length on each saddle, larger T / r, N/m; 0 without radius.
 
         It is negative where a saddle would have to pull, because the cable would lift off.
         """
-        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        before, after = self._segments_with_tensions(state, ends, motion)[1].deviator_tensions()
         side = jnp.sign(jnp.asarray(self.path(ends, motion).contact_angle))
         radius = jnp.asarray(self.radius)
         return side * jnp.maximum(before, after) / jnp.where(radius > 0, radius, 1.0)
@@ -99,5 +100,5 @@ class DeviatorResults(Slipping):
 
         It is that of both tensions at their tangent points; 0 without a radius.
         """
-        before, after = self._segments_with_tensions(state, ends, motion)[1].at_deviators()
+        before, after = self._segments_with_tensions(state, ends, motion)[1].deviator_tensions()
         return saddle_moments(self.path(ends, motion), jnp.asarray(self.radius), before, after)

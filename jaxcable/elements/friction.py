@@ -40,14 +40,14 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..materials.law import Law
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .cable import TensionOnly
-from .slip_search import CLAMPED, Jack, SegmentsThatSlip, tensions_and_signs
+from .slip_search import CLAMPED_LOG_RATIO, Jack, SlipProblem, tensions_and_slip_signs
 
 _ROUNDINGS = 64  # of eps, within which a slip is zero, or a ratio the largest one
 _SEARCH_ROUNDINGS = 1024  # of eps of length and tension, more than any search was seen to leave
 
 
 class StraightSegments(NamedTuple):
-    """Straight segments of one cable between its nodes, [n], and the cable, whose law they have.
+    """Straight segments of one cable between its nodes, [n], before the search for slips.
 
     Attributes:
         cable: the element: `force` by strain, not negative, and `strain_at`, its inverse.
@@ -69,7 +69,7 @@ class StraightSegments(NamedTuple):
 
 
 class SegmentTensions(NamedTuple):
-    """Tensions of the segments of one cable, and where it slips.
+    """Tensions of the segments of one cable, [n], and where it slips: the result of a search.
 
     Attributes:
         tension: mean of the tensions at both ends of each segment, [n], N.
@@ -92,8 +92,8 @@ class SegmentTensions(NamedTuple):
     gained: Float[Array, " n"]
     jacked_last: Bool[Array, " n"] | None = None
 
-    def at_deviators(self) -> tuple[Float[Array, " n_deviator"], Float[Array, " n_deviator"]]:
-        """Return the tensions before and after every deviator, each [n - 1], N."""
+    def deviator_tensions(self) -> tuple[Float[Array, " n_deviator"], Float[Array, " n_deviator"]]:
+        """Return the tensions on both sides of every deviator: before, after, [n - 1] each, N."""
         if self.drop is None:
             return self.tension[:-1], self.tension[1:]
         return (self.tension - self.drop)[:-1], (self.tension + self.drop)[1:]
@@ -102,7 +102,9 @@ class SegmentTensions(NamedTuple):
 def deviation_angles(
     before: Float[Array, "n_deviator 3"], after: Float[Array, "n_deviator 3"]
 ) -> Float[Array, " n_deviator"]:
-    """Return the angles between the vectors of a cable before and after each deviator, rad.
+    """Return the angles by which a cable turns at its deviators, [n_deviator], 0 to pi, rad.
+
+    They are those between the vectors along the cable before and after each deviator.
 
     The angle has no derivative where it is zero; zero is returned for it, and beside vectors
     without length.
@@ -134,16 +136,16 @@ class FrictionCoefficients(NamedTuple):
     wobble: Float[Array, ""] | None
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the coefficients, a list; here they are those of all cables."""
+        """Return the rules that the coefficients, here of all cables, must satisfy, a list."""
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
         axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
         pairs = ("friction", self.friction), ("wobble", self.wobble)
         return [axle, *(Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs)]
 
-    def bound(
+    def largest_log_ratio(
         self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
     ) -> Float[Array, " n_deviator"]:
-        """Return the largest logarithm of the ratio of tensions at every deviator, [n - 1].
+        """Return b of the largest ratio of tensions ``exp(b)`` at each deviator, [n - 1].
 
         `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
         """
@@ -161,27 +163,31 @@ class FrictionCoefficients(NamedTuple):
 def floats_per_deviator(
     value: ArrayLike, name: str, shape: tuple[int, int]
 ) -> Float[ArrayLike, "n_elem n_deviator ..."]:
-    """Return a field with a number for each deviator of each cable, or a vector, the axis.
+    """Return `value`, broadcast to a number, or an axis [3], for each deviator of each cable.
 
-    `shape` is (n_elem, n_deviator). ValueError for values of another shape.
+    `name` is the field ("axis" for axes), `shape` is (n_elem, n_deviator). ValueError for values
+    that cannot be broadcast.
     """
     if name == "axis":
         hint = "; one vector, or one for each node between the ends of each cable"
         values = checks.floats_of_shape(value, name, (3,), (*shape, 3), hint=hint)
         return checks.numpy_or_jax(values).broadcast_to(values, (*shape, 3))
     hint = "; one number, one for each cable, or one for each node between its ends"
-    values = checks.floats_of_shape(value, name, (), shape[:1], shape, hint=hint)
+    flat = [shape[1:]] if shape[0] == 1 else []  # of one cable
+    values = checks.floats_of_shape(value, name, (), shape[:1], *flat, shape, hint=hint)
+    if shape[0] == 1 and values.ndim == 1 and len(values) > 1:
+        values = values[None]
     values = values[:, None] if values.ndim == 1 else values
     return checks.numpy_or_jax(values).broadcast_to(values, shape)
 
 
-def open_or_closed(name: str, values: Float[Array, " ..."]) -> Rule:
-    """Return the rule that a clamp is open or closed."""
+def clamp_rule(name: str, values: Float[Array, " ..."]) -> Rule:
+    """Return the rule that clamps are 0 (open) or 1 (closed)."""
     return Rule(name, values, lambda v: (v != 0) & (v != 1), "a clamp is open, 0, or closed, 1")
 
 
-def stressed_or_not(name: str, values: Float[ArrayLike, "n_elem 2"]) -> Rule:
-    """Return the rule that an end is stressed or not, and one of both is."""
+def stressed_ends_rule(name: str, values: Float[ArrayLike, "n_elem 2"]) -> Rule:
+    """Return the rule that ends are 0 (not stressed) or 1, and at least one of both is 1."""
 
     def broken(v):
         return ((v != 0) & (v != 1)).any(axis=-1) | ~(v != 0).any(axis=-1)
@@ -189,8 +195,8 @@ def stressed_or_not(name: str, values: Float[ArrayLike, "n_elem 2"]) -> Rule:
     return Rule(name, values, broken, "an end is stressed, 1, or not, 0; at least one is")
 
 
-def softening_rules(laws: Sequence[Law]) -> list[Rule]:
-    """Return the rules that the stresses of `laws` do not fall, a list."""
+def no_softening_rules(laws: Sequence[Law]) -> list[Rule]:
+    """Return the rules that no law softens: its stress must not fall with strain, a list."""
     text = "softens; a cable with friction needs a law whose stress does not fall"
     stresses = (law.softening_stresses() for law in laws)
     return [
@@ -200,10 +206,10 @@ def softening_rules(laws: Sequence[Law]) -> list[Rule]:
     ]
 
 
-def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:
-    """Return the length that slips over each deviator in this increment, [n - 1], m.
+def slip_lengths(found: SegmentTensions) -> Float[Array, " n_deviator"]:
+    """Return the lengths that slip over deviators in this increment, [n - 1], m.
 
-    It is unstressed length, positive towards the next segment; zero where the cable sticks, and
+    They are unstressed, positive towards the next segment; zero where the cable sticks, and
     where it has no tension.
     """
     connected = connected_by_slips(found.sign)
@@ -216,14 +222,15 @@ def slips(found: SegmentTensions) -> Float[Array, " n_deviator"]:
     return jnp.where(to_jack, -(jnp.tril(connected) @ found.gained)[:-1], later)
 
 
-def fed_at_ends(
+def length_fed_at_ends(
     found: SegmentTensions, gained: Float[Array, " n"], at_first: Bool[ArrayLike, ""]
 ) -> Float[Array, " 2"]:
-    """Return the unstressed length that has come in at the first and the last end, [2], m.
+    """Return the unstressed lengths fed in by jacks at the first and the last end, [2], m.
 
-    `gained` is that of the segments, also of slack ones; `at_first` says whether there is a jack.
+    They are those of this increment, negative where cable is pulled out. `gained` has the lengths
+    that segments gain, also slack ones; `at_first` is whether the first end has a jack.
     """
-    slip = slips(found)
+    slip = slip_lengths(found)
     first = jnp.where(at_first, gained[0] + jnp.sum(slip[:1]), 0.0)
     last = jnp.zeros_like(first)
     if found.jacked_last is not None:
@@ -231,44 +238,44 @@ def fed_at_ends(
     return jnp.stack([first, last])
 
 
-def last_segment(length: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Return which segment of lengths [n], m, is the last one that is no filler, a mask."""
+def is_last_segment(length: Float[Array, " n"]) -> Bool[Array, " n"]:
+    """Return which segment is the last one with a length (no filler), [n] bool."""
     return (length > 0) & ~jnp.pad(length[1:] > 0, (0, 1))
 
 
 def at_slip_limit(found: SegmentTensions, length: Float[Array, " n"]) -> Bool[Array, " n_deviator"]:
-    """Return where the cable is between sticking and slipping, up to rounding, [n - 1] bool.
+    """Return at which deviators slip impends: at the bound, but none yet, [n - 1] bool.
 
     Tensions have no derivative there: under a larger load it slips, under a smaller one it sticks.
     Clamps are not looked at. `length` is the present one of each segment, [n], m.
     """
-    before, after = found.at_deviators()
+    before, after = found.deviator_tensions()
     eps = _ROUNDINGS * jnp.finfo(length.dtype).eps
     taut = (after > 0) & (before > 0)
     ratio = jnp.where(taut, after, 1.0) / jnp.where(taut, before, 1.0)
     at_bound = jnp.abs(jnp.log(ratio)) >= found.bound * (1 - eps) - eps
-    still = jnp.abs(slips(found)) <= eps * jnp.sum(length)
+    still = jnp.abs(slip_lengths(found)) <= eps * jnp.sum(length)
     return taut & (found.bound > 0) & at_bound & still
 
 
 def connected_by_slips(sign: Float[Array, " n_deviator"]) -> Float[Array, "n n"]:
-    """Return which segments are connected by slips, [n, n], as floats 0 or 1."""
+    """Return 1 for each pair of segments with slip at all deviators between, else 0, [n, n]."""
     block = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.where(sign == 0, 1.0, 0.0))])
     return jnp.where(block[:, None] == block[None, :], 1.0, 0.0).astype(sign.dtype)
 
 
-def mismatches(
+def tension_residuals(
     found: SegmentTensions,
     rate: Float[Array, " n"],
     jack: Jack | None,
     last: Bool[ArrayLike, " n"],
 ) -> Float[Array, " n"]:
-    """Return the mismatches of the equations of the tensions, one for each segment, [n], N.
+    """Return the residuals of the equations for the tensions, one for each segment, [n], N.
 
     Where the cable slips after a segment, the next tension differs by the largest ratio. Otherwise
     the segments up to this one that are connected by slips keep their unstressed length together,
     or with a jack the first tension is that of the jack, and so is that of the segment `last`, a
-    mask. `rate` has the derivatives of elongations by tensions, m/N.
+    mask. `rate` has the flexibilities of the segments, m/N.
     """
     earlier = jnp.tril(connected_by_slips(found.sign))
     balance = earlier @ found.gained / (earlier @ lax.stop_gradient(rate))
@@ -277,31 +284,31 @@ def mismatches(
         at_start, at_end = found.tension + drop - jack.force, found.tension - drop - jack.force
         balance = jnp.where(jack.at_first & (earlier[:, 0] > 0), at_start[0], balance)
         balance = jnp.where(jack.at_last & last, at_end, balance)
-    before, after = found.at_deviators()
-    ratio = after - before * jnp.exp(found.sign * jnp.minimum(found.bound, CLAMPED))
+    before, after = found.deviator_tensions()
+    ratio = after - before * jnp.exp(found.sign * jnp.minimum(found.bound, CLAMPED_LOG_RATIO))
     held = jnp.where(found.sign == 0, balance[:-1], ratio)
     return jnp.concatenate([held, balance[-1:]])
 
 
-def are_balanced(
+def residuals_vanish(
     found: SegmentTensions,
     rate: Float[Array, " n"],
     length: Float[Array, " n"],
     jack: Jack | None,
     last: Bool[ArrayLike, " n"],
 ) -> Bool[Array, ""]:
-    """Return whether tensions fulfil their equations up to rounding: the search ends there or not.
+    """Return whether the residuals of all segments with tension are zero up to rounding.
 
-    `rate` and `last` are those of `mismatches`; `length` is the present one of each segment, m.
+    `rate` and `last` are those of `tension_residuals`; `length` has the present lengths, [n], m.
     """
     rounding = _SEARCH_ROUNDINGS * jnp.finfo(length.dtype).eps
     allowed = rounding * (found.tension + jnp.sum(length) / rate)
-    off = jnp.abs(mismatches(found, rate, jack, last)) > allowed
+    off = jnp.abs(tension_residuals(found, rate, jack, last)) > allowed
     return ~jnp.any(off & (found.tension > 0))
 
 
-def solve_small(_: PyTree[Array], product: Callable[[Array], Array], rhs: Array) -> Array:
-    """Solve with the linear function `product` of [n] numbers, as `TangentSolver` needs it."""
+def solve_by_dense_matrix(_: PyTree[Array], product: Callable[[Array], Array], rhs: Array) -> Array:
+    """Return v, [n], with ``product(v) = rhs`` for a linear function, by its dense matrix."""
     matrix = jax.vmap(product, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
     return linear.solve_general(matrix, rhs)[0]
 
@@ -311,28 +318,31 @@ def solve_small(_: PyTree[Array], product: Callable[[Array], Array], rhs: Array)
 
 @jax.jit  # traced once, although a program calls it for forces, tangents and results
 def segment_tensions(segments: StraightSegments) -> SegmentTensions:
-    """Return the tensions of the segments of one cable, with their derivatives of any order.
+    """Return the tensions and slips of straight segments of one cable; NaN if the search fails.
+
+    They have derivatives of any order.
 
     A cable that is longer than its chain everywhere between two clamps has no tension there.
     """
     frozen = lax.stop_gradient(segments)
-    tension, sign = _find_slips(frozen)
-    rate = elongations_and_rates(frozen, tension)[1]
-    at_end = _at_tensions(frozen, tension, sign)
-    last = _last_equation(segments)
-    is_found = are_balanced(at_end, rate, segments.length, segments.jack, last)
+    tension, sign = _find_tensions_and_slip_signs(frozen)
+    rate = elongations_and_flexibilities(frozen, tension)[1]
+    at_end = _make_segment_tensions(frozen, tension, sign)
+    last = _is_last_equation(segments)
+    is_found = residuals_vanish(at_end, rate, segments.length, segments.jack, last)
     tension = jnp.where(is_found, tension, jnp.nan)
-    solver = TangentSolver(solve_small, solve_small)
-    tension = implicit_root(_mismatches, tension, (segments, sign), solver)
-    return _at_tensions(segments, tension, sign)
+    solver = TangentSolver(solve_by_dense_matrix, solve_by_dense_matrix)
+    tension = implicit_root(_residuals, tension, (segments, sign), solver)
+    return _make_segment_tensions(segments, tension, sign)
 
 
-def elongations_and_rates(
+def elongations_and_flexibilities(
     segments: StraightSegments, tension: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return by how much tensions stretch segments, [n], m, at their present lengths, and rates.
+    """Return elongations of segments of given present length under tensions, and flexibilities.
 
-    The rates are the derivatives by the tensions, [n], m/N.
+    An elongation, [n], m, is the present less the unstressed length; flexibilities are the
+    derivatives by the tensions, [n], m/N.
     """
 
     def elongations(tension):
@@ -342,45 +352,45 @@ def elongations_and_rates(
     return jax.jvp(elongations, (tension,), (jnp.ones_like(tension),))
 
 
-def _at_tensions(segments, tension, sign):
+def _make_segment_tensions(segments, tension, sign):
     """Return the `SegmentTensions` of straight segments under tensions, [n], N."""
-    gained = segments.stuck_elongation - elongations_and_rates(segments, tension)[0]
+    gained = segments.stuck_elongation - elongations_and_flexibilities(segments, tension)[0]
     gained = jnp.where(tension > 0, gained, 0.0)
-    out = None if segments.jack is None else last_segment(segments.length) & segments.jack.at_last
+    jack = segments.jack
+    out = None if jack is None else is_last_segment(segments.length) & jack.at_last
     return SegmentTensions(tension, None, sign, segments.bound, gained, out)
 
 
-def _last_equation(segments):
-    """Return which equation is that of the last tension, a mask: fillers have the same tension."""
+def _is_last_equation(segments):
+    """Return a mask [n], True in its last entry: the equation of a jack at the last end."""
     return np.arange(len(segments.length)) == len(segments.length) - 1
 
 
-def _mismatches(tension, parameters):
-    """Return `mismatches` of straight segments; where there is no tension, it is the unknown."""
+def _residuals(tension, parameters):
+    """Return `tension_residuals` of straight segments; of slack ones the tension itself."""
     segments, sign = parameters
-    rate = elongations_and_rates(segments, lax.stop_gradient(tension))[1]
-    found = _at_tensions(segments, tension, sign)
+    rate = elongations_and_flexibilities(segments, lax.stop_gradient(tension))[1]
+    found = _make_segment_tensions(segments, tension, sign)
     slack = lax.stop_gradient(tension) <= 0
-    return jnp.where(
-        slack, tension, mismatches(found, rate, segments.jack, _last_equation(segments))
-    )
+    left = tension_residuals(found, rate, segments.jack, _is_last_equation(segments))
+    return jnp.where(slack, tension, left)
 
 
-def _find_slips(segments):
-    """Return the tensions of all segments, [n], N, and the signs of the slips, [n - 1]."""
+def _find_tensions_and_slip_signs(segments):
+    """Search for the tensions of straight segments, [n], N, and signs of slips, [n - 1]."""
     unstressed = segments.length - segments.stuck_elongation
     strain = segments.stuck_elongation / jnp.where(unstressed > 0, unstressed, 1.0)
     strain = jnp.where(unstressed <= 0, 1.0, strain)  # as an end of a bracket only
     is_real = segments.length > 0
     stuck = jnp.where(is_real, jnp.maximum(segments.cable.force(strain), 0.0), 0.0)
-    return tensions_and_signs(
-        SegmentsThatSlip(
+    return tensions_and_slip_signs(
+        SlipProblem(
             stuck,
             segments.stuck_elongation,
             is_real,
             jnp.where(segments.clamped, jnp.inf, segments.bound),
             None,
-            partial(elongations_and_rates, segments),
+            partial(elongations_and_flexibilities, segments),
             segments.jack,
         )
     )

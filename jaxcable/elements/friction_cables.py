@@ -26,15 +26,15 @@ from .friction import (
     FrictionCoefficients,
     StraightSegments,
     at_slip_limit,
-    elongations_and_rates,
-    fed_at_ends,
+    clamp_rule,
+    elongations_and_flexibilities,
     floats_per_deviator,
-    last_segment,
-    open_or_closed,
+    is_last_segment,
+    length_fed_at_ends,
+    no_softening_rules,
     segment_tensions,
-    slips,
-    softening_rules,
-    stressed_or_not,
+    slip_lengths,
+    stressed_ends_rule,
 )
 from .friction_state import CONTACT_RESULTS, DEVIATOR_RESULTS, SEGMENT_TENSION, FrictionState
 from .phase_input import InputValues, PhaseInput
@@ -76,15 +76,16 @@ class FrictionCables(DeviatorResults, SlidingCables):
             as of `SlidingCables`, and so are `links`; the law has no history variables.
         friction: coefficient of friction mu, without unit, scalar, [n_elem], or
             [n_elem, n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones
-            leave the last numbers unused); default 0.
+            leave the last numbers unused; one cable may have a flat list); default 0.
         axle_friction: of pulleys that turn with the cable, k, the friction coefficient of the axle
             times its radius over that of the pulley, without unit, likewise, below 1; default 0. It
             alone lets the tensions differ by k times the force on the axle; both add up in b.
         wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
             [n_elem], 1/m; default 0.
         radius: of saddles and pulleys, given as `friction`, m; default 0, a point.
-        axis: vector without unit about which the cable turns there by the right-hand rule, [3] or
-            [n_elem, n_deviator, 3]. Default: that about which the polygon of initial nodes turns.
+        axis: vector without unit about which the cable turns there by the right-hand rule, normal
+            to its segments within 20 degrees, [3] or [n_elem, n_deviator, 3]. Default: that about
+            which the polygon of initial nodes turns.
 
     Raises:
         ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history;
@@ -118,8 +119,8 @@ class FrictionCables(DeviatorResults, SlidingCables):
     results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SEGMENT_TENSION, *DEVIATOR_RESULTS)
     phase_inputs = (
         *(name for name in PHASE_INPUTS if name not in ("sag", "built_sag", "horizontal_tension")),
-        PhaseInput("clamped", "-", ramped=False, rules=(open_or_closed,)),
-        PhaseInput("stressed_ends", "-", ramped=False, rules=(stressed_or_not,)),
+        PhaseInput("clamped", "-", ramped=False, rules=(clamp_rule,)),
+        PhaseInput("stressed_ends", "-", ramped=False, rules=(stressed_ends_rule,)),
     )
     per_element = (  # type: ignore[assignment]  # five more
         *SlidingCables.per_element,
@@ -130,11 +131,13 @@ class FrictionCables(DeviatorResults, SlidingCables):
         super().__post_init__()
         if index_array(self.links).shape[1] < 3:
             raise ValueError("links: no cable has a node between its ends; take Cables")
+        if self.axis is not None and self.radius is None:
+            raise ValueError("axis: of saddles and pulleys with a `radius`, which is not given")
         if any(law.n_memory for law in self._laws):
             raise ValueError("law: has history variables; a cable with friction needs one without")
 
     def _floats_per_element(self, name):
-        """Return a field with a value for each cable, or for each deviator of each, as floats."""
+        """Return a field as floats, [n_elem], or [n_elem, n_deviator] for those of deviators."""
         own = ("friction", "axle_friction", "radius", "axis")
         if name not in own or getattr(self, name) is None:
             return super()._floats_per_element(name)
@@ -142,17 +145,17 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return floats_per_deviator(getattr(self, name), name, shape)
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group, those of friction included, a list."""
+        """Return the rules that numbers of the group must satisfy, those of friction included."""
         radius = Rule("radius", self.radius, lambda v: ~(v >= 0), "must not be negative")
         return [
             *super().rules(),
-            *softening_rules(self._laws),
+            *no_softening_rules(self._laws),
             *self.coefficients().rules(),
             radius,
         ]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the conditions on the initial nodes, m, and on saddles with a radius there."""
+        """Return the rules for the initial nodes, m, those of saddles with a radius included."""
         found = super().rules_at(nodes)
         if self.radius is None:
             return found
@@ -168,17 +171,17 @@ class FrictionCables(DeviatorResults, SlidingCables):
 
     @property
     def components(self) -> Mapping[str, tuple[str, ...]]:  # type: ignore[override]  # read only
-        """Deviators, each of which can be clamped, and ends, each of which can be stressed."""
+        """Names of the components of the phase inputs "clamped" and "stressed_ends", by input."""
         count = index_array(self.links).shape[1] - 2
         clamped = tuple(f"deviator {k}" for k in range(count))
         return {"clamped": clamped, "stressed_ends": ("first end", "last end")}
 
     def has_tension_unknown(self, state: OwnState) -> bool:
-        """Return whether the tension can be an unknown of the equations: there are several."""
+        """Return False: a cable has several tensions, and none can be an unknown."""
         return False
 
     def without_friction(self, state: OwnState) -> tuple[SlidingCables, AxialState]:
-        """Return the cables and their state as they slide without friction, and without clamps."""
+        """Return frictionless cables, and their state: `SlidingCables`, no clamps, no slips."""
         group, plain = object.__new__(SlidingCables), object.__new__(AxialState)
         for new, old in ((group, self), (plain, state)):
             set_fields(new, **{f.name: getattr(old, f.name) for f in dataclasses.fields(new)})
@@ -217,10 +220,10 @@ class FrictionCables(DeviatorResults, SlidingCables):
         ends: Float[Array, "n_elem n_end 3"],
         inputs: Mapping[str, InputValues],
     ) -> FrictionState:
-        """Return the state after the inputs of a phase; see the class for shortenings."""
+        """Return the state after the inputs of a phase; a shortening acts at stressed ends."""
         own = [name for name in ("clamped", "stressed_ends") if name in inputs]
         known = {name: stated for name, stated in inputs.items() if name not in own}
-        stretch = state.heat_factor  # a temperature is applied after a shortening
+        stretch = state.thermal_stretch_or_one  # a temperature is applied after a shortening
         state = super().apply_phase_inputs(state, ends, known)  # an `AxialState` of the same class
         for name in own:
             values = inputs[name].select(inputs[name].values, getattr(state, name))
@@ -234,7 +237,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
     def committed_memory(
         self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> Float[Array, " n_deviator"]:
-        """Return what has slipped over the deviators of one cable so far, [n_deviator], m."""
+        """Return the slips over the deviators of one cable so far, its memory, [n_deviator], m."""
         return self.slip(state, ends, motion)
 
     # the history of a cable is that of its slips: its law has none, and is asked without
@@ -258,7 +261,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return super().fibre_stress(strain)
 
     def commit_memory(self, strain: Scalar, memory: Array, duration: float = 0.0) -> Array:
-        """Return the slips as they are: a strain does not change them (`committed_memory` does)."""
+        """Return `memory`, the slips, unchanged: `committed_memory` commits them."""
         return memory
 
     def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
@@ -266,7 +269,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return self.strain_at(self.peak_tension(state, ends, motion))
 
     def has_result(self, name: str, state: OwnState) -> bool:
-        """Return whether elements have a result; section strain: with fibres or rupture."""
+        """Return whether elements have a result by name; contact results need a radius."""
         if name == SECTION_STRAIN.name:
             return self.section is not None or self.has_rupture
         if name in [result.name for result in CONTACT_RESULTS]:
@@ -274,15 +277,15 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return super().has_result(name, state)
 
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> FrictionState:
-        """Return the state after lock-off: what has come in at the first end is in the cable."""
+        """Return the state after lock-off: lengths fed in by jacks belong to the cable now."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         gained = jnp.where(found.tension > 0, found.gained, segments.stuck_elongation)
-        fed = fed_at_ends(found, gained, state.jack.at_first)
+        fed = length_fed_at_ends(found, gained, state.jack.at_first)
         return copy_with(
             state,
             rest_length=state.rest_length + jnp.sum(fed),
             elongation=state.elongation - jnp.sum(fed),
-            fed_length=state.fed_length + fed / state.heat_factor,
+            fed_length=state.fed_length + fed / state.thermal_stretch_or_one,
             jack_force=None,
             jacked=None,
         )
@@ -290,13 +293,13 @@ class FrictionCables(DeviatorResults, SlidingCables):
     # --- one cable
 
     def path(self, ends: Ends, motion: Motion) -> CablePath:
-        """Return the path of one cable over its nodes."""
+        """Return the `CablePath` of one cable: its segments and angles in a motion."""
         if self.radius is None:
             return path_over_points(ends, motion)
         return path_over_saddles(self.radius, self.axis, ends, motion)
 
     def length_change(self, ends: Ends, motion: Motion) -> Scalar:
-        """Return the change of the length of one cable over all nodes, m."""
+        """Return the present length of one cable over all nodes less the initial one, m."""
         return jnp.sum(self.path(ends, motion).change)
 
     def coefficients(self) -> FrictionCoefficients:
@@ -307,26 +310,26 @@ class FrictionCables(DeviatorResults, SlidingCables):
         """Return the `StraightSegments` of one cable, and their `SegmentTensions`."""
         path = self.path(ends, motion)
         elongation = self.stuck_elongations(state, path)
-        bound = self.coefficients().bound(path.angle, path.length)
+        bound = self.coefficients().largest_log_ratio(path.angle, path.length)
         clamped = self.closed_clamps(state, path.length)
         jack = state.jack
         segments = StraightSegments(self, path.length, elongation, bound, clamped, jack)
         return segments, segment_tensions(segments)
 
     def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n"]:
-        """Return by how much segments exceed unstressed lengths, if nothing slips now, [n], m."""
+        """Return present less unstressed lengths of segments if nothing slips now, [n], m."""
         change, before = path.change, path.initial_length
-        slip = jnp.pad(state.memory * state.heat_factor, 1)
+        slip = jnp.pad(state.memory * state.thermal_stretch_or_one, 1)
         moved = jnp.diff(jnp.pad(state.initial_slip, 1))
-        fed = state.fed_length * state.heat_factor
+        fed = state.fed_length * state.thermal_stretch_or_one
         elongation = (before - moved) / jnp.sum(before) * (state.elongation + jnp.sum(fed))
         elongation = elongation + change + moved + slip[1:] - slip[:-1]
-        return elongation.at[0].add(-fed[0]) - jnp.where(last_segment(before), fed[1], 0.0)
+        return elongation.at[0].add(-fed[0]) - jnp.where(is_last_segment(before), fed[1], 0.0)
 
     def closed_clamps(
         self, state: OwnState, length: Float[Array, " n"]
     ) -> Bool[Array, " n_deviator"]:
-        """Return where one cable is clamped; `length` has the chords of its segments, [n], m."""
+        """Return at which deviators one cable is clamped; `length` is of its segments, [n], m."""
         return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
 
     def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
@@ -348,7 +351,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return self.peak_tension(state, ends, motion) <= 0
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one cable is between taut and slack, or about to slip for the first time.
+        """Return whether one cable is just between taut and slack, or at its first slip.
 
         Where it has slipped before and loads pause, derivatives are those of slipping on.
         """
@@ -379,8 +382,8 @@ class FrictionCables(DeviatorResults, SlidingCables):
         segments, found = self._segments_with_tensions(state, ends, motion)
         strain = self.strain_at(found.tension)
         stored = jnp.sum(segments.length / (1 + strain) * self.energy_per_length(strain))
-        before, after = found.at_deviators()
-        lost = jnp.sum(jnp.abs(slips(found) * (after - before)))
+        before, after = found.deviator_tensions()
+        lost = jnp.sum(jnp.abs(slip_lengths(found) * (after - before)))
         return stored + lost
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
@@ -388,7 +391,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         along = self.path(ends, motion).along
         segments, found = self._segments_with_tensions(state, ends, motion)
         real = segments.length > 0
-        rate = elongations_and_rates(segments, found.tension)[1]
+        rate = elongations_and_flexibilities(segments, found.tension)[1]
         moved = jnp.max(jnp.abs(motion[:, :3]))
         if self.radius is not None:  # tangent points are rounded, too
             moved = moved + jnp.max(self.radius)

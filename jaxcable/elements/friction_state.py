@@ -31,7 +31,7 @@ DEVIATOR_RESULTS = SLIP, FRICTION_USED, CLAMP_FORCE, *CONTACT_RESULTS
 
 @pytree
 class FrictionState(AxialState):
-    """State of cables that slide with friction: that of others, and what holds at their nodes.
+    """State of cables that slide with friction: also clamps, stressed ends and lengths fed in.
 
     Attributes:
         clamped: 1 where a cable is clamped to a deviator, else 0, [n_elem, n_deviator].
@@ -52,7 +52,7 @@ class FrictionState(AxialState):
 
     @property
     def jack(self) -> Jack | None:
-        """Jacks at the ends of one cable; None: there is none in this phase."""
+        """Jacks at the ends of one cable in this phase; None without a jack."""
         if self.jack_force is None:
             return None
         at = self.stressed_ends > 0
@@ -60,6 +60,6 @@ class FrictionState(AxialState):
         return Jack(self.jack_force, at[0], at[1])
 
     @property
-    def heat_factor(self) -> float | Float[Array, " n_elem"]:
-        """Unstressed length over that at the reference temperature, [n_elem]; 1 without heat."""
+    def thermal_stretch_or_one(self) -> float | Float[Array, " n_elem"]:
+        """Thermal stretch, unstressed length over that at the reference temperature; 1 for None."""
         return 1.0 if self.thermal_stretch is None else self.thermal_stretch

@@ -27,14 +27,14 @@ from .element import Scalar
 from .friction import (
     FrictionCoefficients,
     SegmentTensions,
-    are_balanced,
     deviation_angles,
-    last_segment,
-    mismatches,
-    solve_small,
+    is_last_segment,
+    residuals_vanish,
+    solve_by_dense_matrix,
+    tension_residuals,
 )
 from .hanging_terms import magnitude_and_direction
-from .slip_search import Jack, SegmentsThatSlip, tensions_and_signs
+from .slip_search import Jack, SlipProblem, tensions_and_slip_signs
 
 _MAX_SEARCHES = 60  # of slips; two spans need 5 to 10
 _LARGEST_RATIO = 20.0  # of the slope of a catenary over that of a shallow one
@@ -85,15 +85,18 @@ class HangingShape(NamedTuple):
 
 @jax.jit  # traced once, although a program calls it for forces, tangents and results
 def hanging_tensions(segments: HangingSegments) -> tuple[SegmentTensions, HangingShape]:
-    """Return tensions and shapes of the segments of one cable, with derivatives of any order."""
-    elongation, sign = _find_slips(lax.stop_gradient(segments))
-    solver = TangentSolver(solve_small, solve_small)
-    elongation = implicit_root(_mismatches, elongation, (segments, sign), solver)
-    shape = _hang(segments, elongation)
-    return _with_slips(segments, elongation, shape, sign), shape
+    """Return tensions, slips and shapes of the hanging segments of one cable.
+
+    They have derivatives of any order, and are NaN where there is no equilibrium.
+    """
+    elongation, sign = _find_elongations_and_slip_signs(lax.stop_gradient(segments))
+    solver = TangentSolver(solve_by_dense_matrix, solve_by_dense_matrix)
+    elongation = implicit_root(_residuals, elongation, (segments, sign), solver)
+    shape = _hanging_shape(segments, elongation)
+    return _make_segment_tensions(segments, elongation, shape, sign), shape
 
 
-def _hang(segments, elongation):
+def _hanging_shape(segments, elongation):
     """Return the `HangingShape` where chords exceed unstressed lengths by `elongation`, [n], m."""
     real = segments.length > 0
     axis = jnp.asarray([1.0, 0.0, 0.0], segments.chord.dtype)
@@ -111,24 +114,25 @@ def _hang(segments, elongation):
     drop = 0.5 * segments.chord @ segments.load / (1 + tension / segments.stiffness)
     half = 0.5 * unstressed[:, None] * segments.load[None]
     angle = deviation_angles((force - half)[:-1], (force + half)[1:])
-    bound = segments.coefficients.bound(angle, segments.length)
+    bound = segments.coefficients.largest_log_ratio(angle, segments.length)
     return HangingShape(unstressed, force, tension, theta, drop, bound)
 
 
-def _with_slips(segments, elongation, shape, sign):
-    """Return the `SegmentTensions` of hanging segments."""
+def _make_segment_tensions(segments, elongation, shape, sign):
+    """Return the `SegmentTensions` of hanging segments with elongations [n], m, and slip signs."""
     gained = jnp.where(segments.length > 0, segments.stuck_elongation - elongation, 0.0)
     gained = jnp.where(shape.tension > 0, gained, 0.0)
-    out = None if segments.jack is None else last_segment(segments.length) & segments.jack.at_last
+    jack = segments.jack
+    out = None if jack is None else is_last_segment(segments.length) & jack.at_last
     return SegmentTensions(shape.tension, shape.drop, sign, shape.bound, gained, out)
 
 
 def shallow_elongations(
     segments: HangingSegments, tension: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return by how much chords exceed unstressed lengths under mean tensions, [n], m, and rates.
+    """Return chords less unstressed lengths of shallow cables under tensions, and flexibilities.
 
-    They are those of shallow cables; the rates are the derivatives by the tensions, [n], m/N.
+    Both are [n], m and m/N: the flexibilities are the derivatives by the tensions.
     """
     weight, unit = magnitude_and_direction(segments.load)
     across2 = segments.length**2 - (segments.chord @ unit) ** 2
@@ -140,23 +144,25 @@ def shallow_elongations(
     return stretched * strain - sag, stretched / (1 + strain) / segments.stiffness + 2 * sag / some
 
 
-def _mismatches(elongation, parameters):
-    """Return `mismatches` of hanging segments; of slack ones and fillers those of elongations."""
+def _residuals(elongation, parameters):
+    """Return `tension_residuals` of hanging segments, [n], N.
+
+    Of slack ones and fillers: the elongation less the one without slip, m.
+    """
     segments, sign = parameters
-    shape = _hang(segments, elongation)
+    shape = _hanging_shape(segments, elongation)
     tension = lax.stop_gradient(shape.tension)
     held = (segments.length <= 0) | (tension <= 0)
     # rates only scale the equations, but are not zero
     rate = jnp.where(held, 1.0, shallow_elongations(lax.stop_gradient(segments), tension)[1])
-    found = _with_slips(segments, elongation, shape, sign)
+    found = _make_segment_tensions(segments, elongation, shape, sign)
     kept = elongation - jnp.where(segments.length > 0, segments.stuck_elongation, 0.0)
-    return jnp.where(
-        held, kept, mismatches(found, rate, segments.jack, last_segment(segments.length))
-    )
+    left = tension_residuals(found, rate, segments.jack, is_last_segment(segments.length))
+    return jnp.where(held, kept, left)
 
 
-class _SearchState(NamedTuple):
-    """State of the search for slips.
+class _SlipSearchState(NamedTuple):
+    """State of the search for slips of hanging segments, between two of its steps.
 
     Attributes:
         elongation: of the segments, [n], m.
@@ -180,23 +186,23 @@ class _SearchState(NamedTuple):
     steps: Int[Array, ""]
 
 
-def _find_slips(segments):
-    """Return elongations of the segments, [n], m, and the signs of the slips, [n - 1].
+def _find_elongations_and_slip_signs(segments):
+    """Search for elongations of hanging segments, [n], m, and the signs of slips, [n - 1].
 
     They are NaN where there is no equilibrium, or none was found.
     """
-    real, jack, last = segments.length > 0, segments.jack, last_segment(segments.length)
+    real, jack, last = segments.length > 0, segments.jack, is_last_segment(segments.length)
     alone = jnp.where(real, segments.stuck_elongation, 0.0)
-    stuck = _hang(segments, alone).tension
+    stuck = _hanging_shape(segments, alone).tension
     eps = jnp.finfo(alone.dtype).eps * jnp.sum(segments.length)
 
     def step(s):
-        shape = _hang(segments, s.elongation)
+        shape = _hanging_shape(segments, s.elongation)
         ratio, deep = _secant_ratio(segments, s, shape.tension)
-        model = partial(_near_elongations, segments, s.elongation, shape.tension, ratio)
+        model = partial(_secant_elongations, segments, s.elongation, shape.tension, ratio)
         bound = jnp.where(segments.clamped, jnp.inf, shape.bound)
-        tension, sign = tensions_and_signs(
-            SegmentsThatSlip(stuck, segments.stuck_elongation, real, bound, shape.drop, model, jack)
+        tension, sign = tensions_and_slip_signs(
+            SlipProblem(stuck, segments.stuck_elongation, real, bound, shape.drop, model, jack)
         )
         sign = jnp.where(real[1:] & real[:-1], sign, 0.0)
         slips = jnp.pad(sign, 1) != 0
@@ -207,7 +213,7 @@ def _find_slips(segments):
         new = jnp.where(changes, model(tension)[0], alone)
         moved = jnp.max(jnp.abs(new - s.elongation))
         runs_away = jnp.any(changes & deep)
-        return _SearchState(
+        return _SlipSearchState(
             new, sign, s.elongation, shape.tension, ratio, deep, moved, runs_away, s.steps + 1
         )
 
@@ -215,21 +221,21 @@ def _find_slips(segments):
         return (s.moved > 2 * eps) & (s.steps < _MAX_SEARCHES)
 
     one, far = jnp.ones_like(alone), jnp.full_like(eps, jnp.inf)
-    start = _SearchState(
+    start = _SlipSearchState(
         *(alone, jnp.zeros_like(alone[1:]), alone, stuck, one, jnp.zeros_like(real), far),
         *(jnp.zeros((), bool), jnp.int32(0)),
     )
     end = lax.while_loop(unfinished, step, start)
-    shape = _hang(segments, end.elongation)
+    shape = _hanging_shape(segments, end.elongation)
     rate = shallow_elongations(segments, jnp.where(shape.tension > 0, shape.tension, 1.0))[1]
-    found = _with_slips(segments, end.elongation, shape, end.sign)
-    balanced = are_balanced(found, rate, segments.length, jack, last)
+    found = _make_segment_tensions(segments, end.elongation, shape, end.sign)
+    balanced = residuals_vanish(found, rate, segments.length, jack, last)
     fails = end.runs_away | ~(end.moved <= 8 * eps) | ~balanced
     return jnp.where(fails, jnp.nan, end.elongation), end.sign
 
 
 def _secant_ratio(segments, s, tension):
-    """Return the ratio of `_SearchState` between two steps, and which segments are deep, [n]."""
+    """Return `ratio` and `deep` of `_SlipSearchState`, [n] each, by secants of two steps."""
     change = s.elongation - s.before
     expected = (
         shallow_elongations(segments, tension)[0] - shallow_elongations(segments, s.tension)[0]
@@ -237,13 +243,13 @@ def _secant_ratio(segments, s, tension):
     precise = jnp.sqrt(jnp.finfo(change.dtype).eps) * segments.length
     counts = (jnp.abs(change) > precise) & (jnp.abs(expected) > precise)
     secant = change / jnp.where(counts, expected, 1.0)
-    # limits how fast the search goes, not where it ends: `_find_slips` looks at the last step
+    # limits how fast the search goes, not where it ends: the last step is looked at
     limited = jnp.clip(secant, 1 / _LARGEST_RATIO, _LARGEST_RATIO)
     rises = counts & (secant > 0)
     return jnp.where(rises, limited, s.ratio), jnp.where(counts, secant < 0, s.deep)
 
 
-def _near_elongations(segments, elongation, tension, ratio, new):
-    """Return elongations under tensions `new` near known ones, [n], m, and their rates, m/N."""
+def _secant_elongations(segments, elongation, tension, ratio, new):
+    """Return elongations under tensions `new` by secants from known ones, and flexibilities."""
     later, rate = shallow_elongations(segments, new)
     return elongation + ratio * (later - shallow_elongations(segments, tension)[0]), ratio * rate

@@ -34,7 +34,7 @@ class InnerUnknowns(Bending):
 
     @property
     def inner_unknowns(self) -> tuple[tuple[int, int], ...]:  # type: ignore[override]  # read only
-        """Indices of the inner unknowns of an element: pairs (row after the ends, column).
+        """Indices of the inner unknowns of an element: pairs (row counted after the ends, column).
 
         Where the section is not linear they are the coefficients ``a_1 L, a_2 L`` of the axial
         strain and ``b L^2 / 32``, the deflection of the middle beyond the cubic (see `bending`);
@@ -64,7 +64,7 @@ class InnerUnknowns(Bending):
 
     @property
     def n_inner_row(self) -> int:  # type: ignore[override]  # read only
-        """Number of rows that the inner unknowns of an element take in its motion."""
+        """Number of rows of motion that an element has for its inner unknowns, after its ends."""
         return self._n_strain_rows + (0 if self.springs is None else 2)
 
     @property
@@ -78,7 +78,7 @@ class InnerUnknowns(Bending):
         return 1 if self.points < 4 else 2
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
+        """Return which entries of the inner rows of motion of elements hold no unknown, bool."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
         for (row, column), _ in self._shear_angle_indices:
@@ -92,9 +92,10 @@ class InnerUnknowns(Bending):
             idle[:, -2:] = ~self.hinges.array
         return idle
 
-    def _strain_unknowns(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
-        """Return the argument `inner` of `bending.strain_field` of a section that is not linear.
+    def _strain_coefficients(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
+        """Return the coefficients of the strain field from inner unknowns, [2, 2].
 
+        They are the argument `inner` of `bending.strain_field` for a section that is not linear.
         `motion` has the inner unknowns in rows after those of both ends, in m; `length` is the
         unstressed length, m.
         """
@@ -112,7 +113,7 @@ class InnerUnknowns(Bending):
         load: Float[Array, " 3"] | None,
         stiffness: Float[Array, "3 3"] | None,
     ) -> shear.ShearAngles | None:
-        """Return the shear angles about y and z; None if the section is rigid in shear.
+        """Return the `ShearAngles` of a beam, about y and z; None if it is rigid in shear.
 
         `motion` is that of the ends, with rows of inner unknowns; other arguments are as of
         `bending.strain_field`.
@@ -141,23 +142,23 @@ class InnerUnknowns(Bending):
         return tuple(np.array(self.inner_unknowns).T)
 
     def _expand_reduced_forces(self, force: Float[Array, " 9+k"]) -> Forces:
-        """Return end forces, [n_end, 6], N and N m, with rows of inner unknowns after both ends.
+        """Return forces on rows of an element, [n_row, 6], from its 9 independent and k inner ones.
 
         `force` has the force on the second end, 3, the moments on both ends, 6, and the k forces
         conjugate to inner unknowns.
         """
-        pull, first, second, inner = jnp.split(force, [3, 6, 9])
-        at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
+        end_force, first, second, inner = jnp.split(force, [3, 6, 9])
+        at = jnp.stack([jnp.concatenate([-end_force, first]), jnp.concatenate([end_force, second])])
         if not self.inner_unknowns:
             return at
         rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._inner_indices].set(inner)
         return jnp.concatenate([at, rows])
 
     def _join_end_forces(
-        self, pull: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
+        self, force: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
     ) -> Forces:
         """Join the force on the second end, N, the moments on both ends, N m, and inner forces.
 
         Return end forces, [n_end, 6], as `_expand_reduced_forces` does.
         """
-        return self._expand_reduced_forces(jnp.concatenate([pull, moments.ravel(), inner]))
+        return self._expand_reduced_forces(jnp.concatenate([force, moments.ravel(), inner]))

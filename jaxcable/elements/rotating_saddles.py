@@ -60,7 +60,7 @@ class CablesOnRotatingSaddles(FrictionCables):
         if state.line_load is not None:
             force = force - self.sliding_load_forces(state, ends, motion)
         radius = jnp.asarray(self.radius) * jnp.asarray(self.rotating)
-        moment = saddle_moments(path, radius, *found.at_deviators())
+        moment = saddle_moments(path, radius, *found.deviator_tensions())
         return jnp.concatenate([force, jnp.pad(-moment, ((1, 1), (0, 0)))], axis=1)
 
     def end_forces_after_step(

@@ -12,7 +12,7 @@ from ..common.types import Array, Bool, Float
 from . import hanging, hanging_sag
 from .element import PEAK_TENSION, TENSION, Ends, Forces, Motion, Result, Scalar
 from .element_state import OwnState
-from .friction import slips
+from .friction import slip_lengths
 from .friction_cables import FrictionCables
 from .friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION, SLIP
 from .hanging_friction import HangingSegments, hanging_tensions, shallow_elongations
@@ -211,8 +211,8 @@ class SlidingCatenaries(FrictionCables):
         middle = 0.5 * (place[1:] + place[:-1])
         share = self.split_among_ends(jnp.ones((1,), middle.dtype), ends[None])[0]
         moved = state.rest_length * (share @ place) - shape.unstressed @ middle
-        before, after = found.at_deviators()
-        lost = jnp.sum(jnp.abs(slips(found) * (after - before)))
+        before, after = found.deviator_tensions()
+        lost = jnp.sum(jnp.abs(slip_lengths(found) * (after - before)))
         return jnp.sum(jnp.where(real, stored, 0.0)) + segments.load @ moved + lost
 
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:

@@ -16,7 +16,8 @@ from jax import lax
 from ..common.types import Array, ArrayLike, Bool, Float
 
 MAX_STEPS = 100  # enough for bisection to halve a bracket to its last digit
-CLAMPED = 80.0  # bound from which the cable is held: its exponential is finite in float32, too
+# Bound from which the cable is held: its exponential is finite in float32, too.
+CLAMPED_LOG_RATIO = 80.0
 
 
 class Jack(NamedTuple):
@@ -32,8 +33,8 @@ class Jack(NamedTuple):
     at_last: Bool[ArrayLike, ""]
 
 
-class SegmentsThatSlip(NamedTuple):
-    """Segments of one cable, [n], as the search sees them.
+class SlipProblem(NamedTuple):
+    """Input of the search for slips: the segments of one cable, [n].
 
     Attributes:
         stuck: tension of each segment if nothing slips in this increment, [n], N.
@@ -43,8 +44,8 @@ class SegmentsThatSlip(NamedTuple):
             [n - 1]; infinite at a clamp, zero beside segments that only fill up.
         drop: by how much the tension at the first end of each segment exceeds its mean, and that at
             the last one falls short of it, [n], N; None: segments without weight.
-        elongations_and_rates: function of the tensions, [n], N: present length minus the unstressed
-            length that has this tension, m, which increases with it, and its derivatives, m/N.
+        elongations_and_flexibilities: function of the tensions, [n], N, that returns the present
+            less the unstressed length under them, m, which increases, and its derivatives, m/N.
         jack: None: there is no jack at an end.
     """
 
@@ -53,30 +54,30 @@ class SegmentsThatSlip(NamedTuple):
     is_real: Bool[Array, " n"]
     bound: Float[Array, " n_deviator"]
     drop: Float[Array, " n"] | None
-    elongations_and_rates: Callable[[Array], tuple[Array, Array]]
+    elongations_and_flexibilities: Callable[[Array], tuple[Array, Array]]
     jack: Jack | None
 
 
-def tensions_and_signs(
-    segments: SegmentsThatSlip,
+def tensions_and_slip_signs(
+    segments: SlipProblem,
 ) -> tuple[Float[Array, " n"], Float[Array, " n_deviator"]]:
-    """Return the tensions of all segments, [n], N, and the signs of their slips, [n - 1].
+    """Return the tensions of all segments, [n], N, and the signs of slips at deviators, [n - 1].
 
     A sign is 1 where the cable slips towards the next segment, -1 where it slips back, else 0.
     """
     bound, dtype = segments.bound, segments.stuck.dtype
     # infinite at clamps, where comparisons with it are false even if a tension is zero
-    growth = jnp.where(bound < CLAMPED, jnp.exp(bound), jnp.inf).astype(dtype)
+    growth = jnp.where(bound < CLAMPED_LOG_RATIO, jnp.exp(bound), jnp.inf).astype(dtype)
     drop = jnp.zeros_like(segments.stuck) if segments.drop is None else segments.drop
-    best, last = _best_tensions(segments, growth, drop)
+    best, last = _prefix_minimizing_tensions(segments, growth, drop)
     if segments.jack is not None:
         force, _, at_last = segments.jack
         last = jnp.where(at_last, force + drop[-1], last)
-    rounding = _rounding(segments)
+    rounding = _relative_rounding(segments)
 
     def go_back(later, at):
         own, pair, ratio = at
-        low, high = _reach_before(later, pair, ratio)
+        low, high = _tension_limits_before(later, pair, ratio)
         # at its bound the cable counts as slipping: so it does beside a jack, however it is rounded
         rises, falls = own <= low * (1 + rounding), own >= high * (1 - rounding)
         sign = jnp.where(rises, 1.0, jnp.where(falls, -1.0, 0.0)).astype(dtype)
@@ -86,19 +87,20 @@ def tensions_and_signs(
     at = best[:-1], (drop[:-1], drop[1:]), growth
     _, (tension, sign) = lax.scan(go_back, last, at, reverse=True)
     # comparisons with NaN are false: they would pass for a cable that sticks
-    given = jnp.sum(segments.stuck_elongation) + jnp.sum(jnp.minimum(bound, CLAMPED))
+    given = jnp.sum(segments.stuck_elongation) + jnp.sum(jnp.minimum(bound, CLAMPED_LOG_RATIO))
     return jnp.where(jnp.isnan(given), given, jnp.append(tension, last)), sign
 
 
-def _rounding(segments):
+def _relative_rounding(segments):
     """Return the relative rounding error of tensions that differ by ratios along the cable."""
     return 8 * len(segments.stuck) * jnp.finfo(segments.stuck.dtype).eps
 
 
-def _reach_before(later, drops, ratio):
-    """Return the least and largest tension of a segment that friction allows before `later`, N.
+def _tension_limits_before(later, drops, ratio):
+    """Return the least and largest tension of a segment before one with the tension `later`, N.
 
-    `drops` are those of the segment and of the next one; `ratio` is the largest one of tensions.
+    `drops` are those of the segment and of the next one; `ratio` is the largest ratio of tensions
+    that friction allows between them.
     """
     start = later + drops[1]
     low = jnp.where(ratio < jnp.inf, start / ratio + drops[0], -jnp.inf)
@@ -106,8 +108,8 @@ def _reach_before(later, drops, ratio):
     return low, jnp.maximum(start * ratio + drops[0], jnp.abs(drops[0]))
 
 
-def _best_tensions(segments, growth, drop):
-    """Return the best tension of each segment for those up to it together, [n], and the last, N."""
+def _prefix_minimizing_tensions(segments, growth, drop):
+    """Return for each segment the tension that minimizes the sum up to it, [n], and the last, N."""
     zero = jnp.zeros_like(segments.stuck)
     reach = zero[0], zero[0] + jnp.inf
     first = segments.stuck[0]
@@ -129,7 +131,7 @@ def _best_tensions(segments, growth, drop):
         found = jnp.where(sticks, alone, found)
         # a bound of the problem, which hides no result: without a jack all is in reach, and beside
         # one friction holds the tension there, where the cable slips
-        inner = _within_reach(segments, (low, high), 2)
+        inner = _narrowed_limits(segments, (low, high), 2)
         found = jnp.where(found <= inner[0], low, jnp.where(found >= inner[1], high, found))
         return best.at[i].set(found), (low, high)
 
@@ -137,31 +139,31 @@ def _best_tensions(segments, growth, drop):
     return best, best[-1]
 
 
-def _within_reach(segments, reach, roundings):
-    """Return smallest and largest tension that are in reach by some `roundings` at least, N.
+def _narrowed_limits(segments, reach, roundings):
+    """Return the limits of a tension, `reach`, moved inwards by some `roundings`, a pair, N.
 
     At the ends of the reach the tensions up to the jack would count as free or not by rounding.
     """
-    rounding = roundings * _rounding(segments)
+    rounding = roundings * _relative_rounding(segments)
     low, high = reach
     return low * (1 + rounding * jnp.sign(low)), high * (1 - rounding * jnp.sign(high))
 
 
 def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
-    """Return the tension of segment i that is best for the segments 0 to i together, N.
+    """Return the tension of segment i that minimizes the sum over the segments 0 to i, N.
 
     Args:
-        segments: `SegmentsThatSlip`.
+        segments: `SlipProblem`.
         growth: largest ratios of tensions at the deviators, [n - 1].
-        drop: as of `SegmentsThatSlip`, but no None.
+        drop: as of `SlipProblem`, but no None.
         best: best tensions for the segments up to each one before i, [n].
-        i: number of the segment.
+        i: index of the segment.
         alone: tension of segment i without slip, N.
         reach: smallest and largest tension that friction allows beside a jack, N.
     """
     ratio, step_up = growth[i - 1], drop[i - 1] + drop[i]
     before = best[i - 1] - step_up  # where the tension goes on as it is
-    reach = _within_reach(segments, reach, 1)
+    reach = _narrowed_limits(segments, reach, 1)
     # only brackets are clipped: the root is between these tensions, or friction holds it at an end
     low = jnp.clip(jnp.minimum(alone, before), *reach)
     high = jnp.clip(jnp.maximum(alone, before), *reach)
@@ -177,7 +179,7 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
 
     def step(s):
         tension, low, high, moved, count = s
-        value, rate = _length_mismatch_and_rate(segments, growth, drop, best, i, tension)
+        value, rate = _excess_length_and_flexibility(segments, growth, drop, best, i, tension)
         low, high = jnp.where(value < 0, tension, low), jnp.where(value < 0, high, tension)
         new = tension - value / rate
         # beside a kink, Newton's steps can go back and forth between both ends of the bracket
@@ -189,16 +191,16 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
     found = lax.while_loop(unfinished, step, (start, low, high, far, jnp.int32(0)))[0]
     # a cable that is too long even under a vanishing tension has none
     vanishing = jnp.full_like(start, jnp.sqrt(jnp.finfo(start.dtype).tiny))
-    too_long = _length_mismatch_and_rate(segments, growth, drop, best, i, vanishing)[0] >= 0
+    too_long = _excess_length_and_flexibility(segments, growth, drop, best, i, vanishing)[0] >= 0
     # beside a jack, which takes any length in, friction keeps a tension
     return jnp.where(too_long & (reach[0] <= 0), 0.0, found)
 
 
-def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):
-    """Return by how much the segments that slip with segment i are too long for its tension, m.
+def _excess_length_and_flexibility(segments, growth, drop, best, i, tension):
+    """Return the excess of unstressed length of the segments that slip with segment i, m.
 
-    It is the sum over the segments whose tension changes with that of segment i, and increases with
-    it; and its derivative, m/N.
+    It is their present unstressed length less the one that belongs to `tension` of segment i, N,
+    and increases with it; also its derivative, m/N.
     """
     n = len(best)
 
@@ -206,7 +208,7 @@ def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):
         """Return tension and share of a segment from those of the next one, and if it counts."""
         tension, share, counts = later
         k, before, drops, ratio = at
-        low, high = _reach_before(tension, drops, ratio)
+        low, high = _tension_limits_before(tension, drops, ratio)
         falls, grows = low > before, high < before
         factor = jnp.where(falls, 1 / ratio, ratio)
         own = jnp.where(falls, low, high), share * factor, counts & (falls | grows)
@@ -220,6 +222,6 @@ def _length_mismatch_and_rate(segments, growth, drop, best, i, tension):
         jnp.append(values, value) for values, value in zip(earlier, last, strict=True)
     )
     counts = counts & (jnp.arange(n) <= i)
-    stretched, rate = segments.elongations_and_rates(tensions)
+    stretched, rate = segments.elongations_and_flexibilities(tensions)
     mismatch = jnp.sum(jnp.where(counts, stretched - segments.stuck_elongation, 0.0))
     return mismatch, jnp.sum(jnp.where(counts, shares * rate, 0.0))

@@ -21,7 +21,7 @@ _NO_CHANGE_AT_ONCE = ("jacking", "end_tension", "horizontal_tension", "built_sag
 
 
 def phase_input_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
-    """Yield faults of the state after an input that selects no element: nothing may change.
+    """Yield faults of `apply_phase_inputs` where an input selects no element.
 
     A phase without an input gets one for no element if another phase has the input.
     """
@@ -46,7 +46,7 @@ def phase_input_faults(group: Element, state: OwnState, ends: Any) -> Iterator[s
 
 
 def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
-    """Yield faults of the states that a group gives elements activated after a motion."""
+    """Yield faults of `state_at_activation`: the state of elements activated in a motion."""
     if type(group).state_at_activation is Element.state_at_activation:
         return
     words = "a state like that of `start`"
@@ -78,7 +78,7 @@ def _can_test_input(name, group):
 
 
 def _describe_state_difference(before, after):
-    """Return in words how class, fields or shapes of the state `after` differ from `before`.
+    """Return words that say how class, fields or shapes of two states differ.
 
     The text is empty if they do not; values are not compared.
     """

@@ -125,7 +125,7 @@ class _MethodTrial:
         self.n_elem, self.n_end = ends.shape[:2]
 
     def for_every_element(self, method: Callable[..., Any], motion: Any = None) -> Any:
-        """Return ``method(one, state, ends, motion)`` for every element, called by vmap."""
+        """Return ``method(one, state, ends, motion)`` of all elements, stacked, called by vmap."""
 
         def one(properties, *at):
             return method(single_element(self.group, properties), *at)
@@ -195,7 +195,7 @@ class _MethodTrial:
             yield f"{name}{where}: expected finite numbers, got {wrong} of element {k}"
 
     def _named_result_faults(self):
-        """Yield faults of the declared `results`, of `is_slack` and `at_kink`, and of `weights`."""
+        """Yield faults in the shapes of declared `results`, of `is_slack`, `at_kink`, `weights`."""
         group, state = self.group, self.state
         for result in group.results:
             name = result.name
@@ -318,7 +318,7 @@ class _MethodTrial:
 
 
 def _field_faults(group, state, n_elem):
-    """Yield faults of fields of a state and arrays of a group whose axis is not [n_elem].
+    """Yield faults of fields of a state and of a group that have no leading axis [n_elem].
 
     A field of the state that an ability needs, and that is missing, is a fault, too.
     """

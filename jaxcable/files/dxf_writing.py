@@ -31,6 +31,7 @@ def save_dxf(
     scale: float | None = None,
     *,
     units: UnitsLike | None = None,
+    node_points: bool = True,
 ) -> list[Path]:
     """Write a structure as a drawing, with a layer and a color for each group.
 
@@ -49,6 +50,7 @@ def save_dxf(
 
     Options:
         units: units of which coordinates have the length, such as "kip, ft" (see `Units`).
+        node_points: whether nodes are drawn, as points.
 
     Returns:
         Paths of the files written, a list.
@@ -101,7 +103,7 @@ def save_dxf(
                 space.add_polyline3d([points[k] for k in ends], dxfattribs={"layer": layer})
     fixed = np.asarray(structure.supports.fixed(structure.n_node))
     held, pinned = fixed.any(axis=1), fixed[:, :3].all(axis=1)
-    for layer, mask in (("supports", held), ("nodes", ~held)):
+    for layer, mask in (("supports", held), ("nodes", ~held)) if node_points else ():
         while layer in layers:
             layer += "_"
         document.layers.add(layer, color=_GREY)

@@ -39,6 +39,11 @@ _TOWERS = dict(zip(line_section.NUMBERS, _COLUMNS["towers"][2:], strict=True))
 _STATES = dict(zip(line_states.NUMBERS, _COLUMNS["states"][4:-1], strict=True))
 """Columns of tables of states by fields of `LineState`, beside ice, condition and broken span."""
 _NEEDED = _COLUMNS | {"towers": _COLUMNS["towers"][:5], "states": ("state",)}
+_SPELLING = {
+    name.lower(): name
+    for name in ("temperature_C", "wind_Pa", "extra_N_per_m", "string_weight_N", "tension_N")
+}
+"""Names of columns and keys with units in capitals, as files have them, by those in lower case."""
 _ROLES = "stretches", "creeps"
 _TEMPERATURES = 0.0, 15.0, 30.0  # of a stringing chart, degrees C
 _STRINGING = {
@@ -305,14 +310,15 @@ def save_line(path: str | PathLike[str], line: Line) -> Path:
         ],
     }
     given = {"temperature": 15.0} | line.stringing
-    stated = {key: float(given[name]) for key, name in _STRINGING.items() if name in given}
+    stated = {k: float(given[name]) for k, name in _STRINGING.items() if name in given}
     if "span" in stated:
         stated["span"] = given["span"] + 1
-    content: dict[str, Any] = {"conductor": section.conductor.name, "stringing": stated}
+    content: dict[str, Any] = {"conductor": section.conductor.name}
+    content["stringing"] = {_SPELLING.get(k, k): x for k, x in stated.items()}
     content["temperatures_C"] = list(line.temperatures)
     for key, rows in tables.items():
         objects = [zip(_COLUMNS[key], row, strict=True) for row in rows]
-        content[key] = [{k: x for k, x in one if x is not None} for one in objects]
+        content[key] = [{_SPELLING.get(k, k): x for k, x in o if x is not None} for o in objects]
     content = {key: value for key, value in content.items() if value or key not in _COLUMNS}
     with atomic_write(path) as stream:
         stream.write(json.dumps(content, indent=1) + "\n")

@@ -12,6 +12,7 @@ from ..common.rules import Rule, nan_if_broken, not_negative, refuse_if_broken
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..loads import IceLoads, LineLoads, SelfWeight, WindLoads, WindTable
+from ..loads.ice import warn_of_thick_ice
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
 from .line_section import LineSection, unit
@@ -21,8 +22,6 @@ CONDITIONS = "initial", "final", "creep"
 
 STRING_DRAG = 1.2
 """Drag coefficient of insulator strings, without unit (EN 50341-1, 4.4.2)."""
-
-_THICKEST = 0.3  # ice, m, beyond which it is most likely in millimeters
 
 NUMBERS = ("temperature", "wind", "wind_direction", "drag", "extra", "ice_density")
 """Fields of a state that have one number."""
@@ -85,9 +84,7 @@ class LineState:
         if self.broken is not None:
             set_fields(self, broken=_span_index(self.broken))
         refuse_if_broken(self.rules())
-        known = checks.array_if_known(ice)
-        if known is not None and (known > _THICKEST).any():
-            checks.warn_user(f"ice = {known.max():g}: more than {_THICKEST:g} m; it is in meters")
+        warn_of_thick_ice(ice)
         # the other numbers are those of loads, which look at traced ones
         set_fields(self, extra=nan_if_broken(not_negative("extra", self.extra)))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..elements import Bars, Cables
+from ..elements import Bars, SlidingCables
 from ..files import save_dxf
 from ..model.structure import Structure
 from ..model.supports import pinned
@@ -71,7 +70,8 @@ def save_profile(
 ) -> Path:
     """Write the profile of a line with its sags as a drawing: station and elevation, m, in DXF.
 
-    Layers are those of `profile_lines`: ground, towers, strings (of the first state), the states.
+    Layers are those of `profile_lines`: ground, towers, strings (of the first state), the states,
+    with a polyline for the ground and for each span.
 
     Args:
         path: path of the file, ending with .dxf.
@@ -102,12 +102,12 @@ def save_profile(
     for name, lines in profile_lines(section, results).items():
         places = [[(round(float(s), 6), round(heights * float(z), 6)) for s, z in x] for x in lines]
         own = [[numbers.setdefault(place, len(numbers)) for place in line] for line in places]
-        if links := [link for line in own for link in itertools.pairwise(line)]:
-            kind = Bars if name == "towers" else Cables
-            elements[name] = kind(links, axial_stiffness=1.0)
+        if own:
+            kind = Bars if name == "towers" else SlidingCables  # which are drawn as polylines
+            elements[name] = kind(own, axial_stiffness=1.0)
     nodes = [[s, z, 0.0] for s, z in numbers]
     drawing = Structure(nodes, elements, pinned(range(len(nodes))))
-    return save_dxf(path, drawing)[0]
+    return save_dxf(path, drawing, node_points=False)[0]
 
 
 def plot_profile(

@@ -18,6 +18,7 @@ from .masses import STANDARD_GRAVITY
 from .member_values import check_member_values, require_members, with_member_factors
 
 _PER_MEMBER = ("thickness", "diameter")
+_THICKEST = 0.3  # m, beyond which ice is most likely in millimeters
 
 
 @pytree(static=("on",))
@@ -107,6 +108,13 @@ class IceLoads(AlongElements):
     def _vector_per_amount(self):
         """Return the weight of the ice per volume as a vector, [3], N/m3."""
         return self.density * self.gravity * self.direction
+
+
+def warn_of_thick_ice(thickness: Float[ArrayLike, "*n"]) -> None:
+    """Warn of a known thickness of ice, m, that is most likely in millimeters."""
+    known = checks.array_if_known(thickness)
+    if known is not None and (known > _THICKEST).any():
+        checks.warn_user(f"ice = {known.max():g}: more than {_THICKEST:g} m; it is in meters")
 
 
 def _ice_area(load: Any) -> Any:

@@ -209,8 +209,9 @@ class WindPowerLaw(WindProfile):
         return jnp.where(blown, pressure * ratio ** (2 * self.exponent), 0.0)
 
     def describe(self, units: Units = SI) -> str:
-        """Return the law and its velocity, in `units`, as text."""
-        return f"power law{_describe_velocity(self.velocity, units)}"
+        """Return the law and its velocity at the reference height, in `units`, as text."""
+        velocity = _describe_number("of", self.velocity, "m/s", units)
+        return f"power law{velocity}{_describe_number('at', self.reference_height, 'm', units)}"
 
 
 @pytree(static=("terrain", "pressure"))
@@ -316,16 +317,16 @@ class EurocodeWind(WindProfile):
 
     def describe(self, units: Units = SI) -> str:
         """Return the standard, its basic velocity, in `units`, and the terrain as text."""
-        told = _describe_velocity(self.velocity, units)
+        told = _describe_number("of", self.velocity, "m/s", units)
         where = "" if self.terrain is None else f", terrain {self.terrain}"
         return f"EN 1991-1-4{told}{where}, {self.pressure} pressure"
 
 
-def _describe_velocity(velocity, units):
-    """Return a velocity in `units` as words that begin with a space; none if it is not known."""
-    velocity = checks.array_if_known(velocity)
-    known = velocity is not None and not velocity.ndim
-    return f" of {units.text(velocity, 'm/s')}" if known else ""
+def _describe_number(word, number, unit, units):
+    """Return a number in `units` after a word and a space; nothing if it is not known."""
+    number = checks.array_if_known(number)
+    known = number is not None and not number.ndim
+    return f" {word} {units.text(number, unit)}" if known else ""
 
 
 def _convert_to_scalars(profile):

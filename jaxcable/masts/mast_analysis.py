@@ -155,7 +155,9 @@ def erect(mast: GuyedMast) -> ErectedMast:
     structure = mast.structure()
     loads = [SelfWeight(), *ancillary_masses(mast)]
     phase = Phase(end_tension={"guys": mast.of_guys("tension")}, loads=loads, tension_at="first")
-    return _as_erected(mast, structure, solve(structure, phase))
+    solution = solve(structure, phase)
+    ends, rest = end_tensions(structure, solution)["guys"], solution.rest_length["guys"]
+    return ErectedMast(mast, structure, solution, ends, rest, solution.status)
 
 
 def ancillary_masses(mast: GuyedMast) -> list[PointMasses]:
@@ -176,13 +178,6 @@ def ancillary_masses(mast: GuyedMast) -> list[PointMasses]:
     xp = checks.numpy_or_jax(mast)
     weights = xp.stack([xp.asarray(one.weight, float) for one in mast.ancillaries])
     return [PointMasses(mast.ancillary_nodes(), weights / STANDARD_GRAVITY)]
-
-
-def _as_erected(mast, structure, solution):
-    """Return the `ErectedMast` of a solution in calm air."""
-    ends = end_tensions(structure, solution)["guys"]
-    rest = solution.rest_length["guys"]
-    return ErectedMast(mast, structure, solution, ends, rest, solution.status)
 
 
 def analyse(

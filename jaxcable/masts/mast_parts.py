@@ -9,7 +9,7 @@ import numpy as np
 from ..catalogue import cable as cable_of_catalogue
 from ..catalogue import profile_data
 from ..common import checks
-from ..common.rules import Rule, nan_if_broken
+from ..common.rules import Rule, nan_if_broken, positive
 from ..common.types import Array, ArrayLike, Float
 from ..loads.masses import STANDARD_GRAVITY
 from ..sections import lattice
@@ -40,7 +40,9 @@ def lattice_drag(
     - TIA-222-G, 2.6.9.1.1: flat ``4.0 s^2 - 5.9 s + 4.0`` of four sides, ``3.4 s^2 - 4.7 s + 3.4``
       of three; round this times ``0.57 - 0.14 s + 0.86 s^2 - 0.24 s^3``, at most 1.
 
-    The texts of both clauses were not at hand when this was written: compare with yours.
+    The texts of both clauses were not at hand when this was written: compare with yours. C1, C2 and
+    the formula of round members are those of E.1 in the next EN 1991-1-4 (formulas E.22 and E.24),
+    as public code has them (IP_dynamic_analysis, 2025).
 
     Args:
         sides: number of faces, 3 or 4.
@@ -123,7 +125,7 @@ def lattice_section(
         `MastSection`.
 
     Raises:
-        ValueError: as of `sections.lattice` and `lattice_drag`.
+        ValueError: a size that is not positive; as of `sections.lattice` and `lattice_drag`.
 
     Example:
         >>> part = jc.masts.lattice_section(60.0, 3, 0.8, 0.8, leg=0.05, diagonal=0.02)
@@ -131,11 +133,17 @@ def lattice_section(
         EI 132 MN m2, 659 N/m, 0.236 m2/m
     """
 
+    sizes = {"width": width, "panel": panel, "leg": leg, "diagonal": diagonal, "strut": strut}
+    sizes |= {"leg_area": leg_area, "diagonal_area": diagonal_area, "strut_area": strut_area}
+    for name in [name for name, size in sizes.items() if size is not None]:
+        sizes[name] = nan_if_broken(positive(name, checks.as_scalar(sizes[name], name)))
+    width, panel, leg, diagonal, strut, *areas = sizes.values()
+
     def area(given, diameter):
         return np.pi / 4 * diameter**2 if given is None else given
 
-    of_leg, of_diagonal = area(leg_area, leg), area(diagonal_area, diagonal)
-    of_strut = None if strut is None else area(strut_area, strut)
+    of_leg, of_diagonal = area(areas[0], leg), area(areas[1], diagonal)
+    of_strut = None if strut is None else area(areas[2], strut)
     stiffness = (modulus * of_leg, modulus * of_diagonal)
     strut_stiffness = None if of_strut is None else modulus * of_strut
     found = lattice(sides, width, panel, *stiffness, strut_stiffness, pattern)
@@ -212,7 +220,7 @@ def guy_level(
     radius: Float[ArrayLike, ""] | Float[ArrayLike, " n_guy"],
     azimuths: Float[ArrayLike, " n_guy"],
     cable: str,
-    share: Float[ArrayLike, ""] = 0.1,
+    share: Float[ArrayLike, ""] | None = None,
     **others: Float[ArrayLike, " n_guy"],
 ) -> GuyLevel:
     """Return a level of guys of a cable of the catalogue, at a share of its breaking strength.
@@ -220,7 +228,8 @@ def guy_level(
     Args:
         height, radius, azimuths: as of `GuyLevel`.
         cable: name, as of `catalogue.cable`.
-        share: initial tension at the anchors over breaking strength; 0.1 is usual.
+        share: initial tension at the anchors over breaking strength; default 0.1, if no `tension`
+            is among the others.
         others: further arguments of `GuyLevel`.
 
     Returns:
@@ -228,7 +237,7 @@ def guy_level(
 
     Raises:
         ValueError: as of `GuyLevel` and `catalogue.cable`; a cable whose strength or diameter is
-            not known.
+            not known; both a share and a tension.
 
     Example:
         >>> level = jc.masts.guy_level(30.0, 20.0, [0, 120, 240], "Galfan spiral strand 20")
@@ -238,10 +247,8 @@ def guy_level(
     data = cable_of_catalogue(cable)
     if data.strength is None or data.diameter is None:
         raise ValueError(f"cable = {cable!r}: has no strength or diameter; give a GuyLevel")
-    return GuyLevel(
-        height,
-        radius,
-        azimuths,
-        *(data.axial_stiffness, data.weight, data.diameter, data.strength),
-        **{"tension": share * data.strength, **others},
-    )
+    if share is not None and "tension" in others:
+        raise ValueError("share, tension: give one of them")
+    others = {"tension": (0.1 if share is None else share) * data.strength} | others
+    own = data.axial_stiffness, data.weight, data.diameter, data.strength
+    return GuyLevel(height, radius, azimuths, *own, **others)

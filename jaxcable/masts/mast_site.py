@@ -58,7 +58,8 @@ def tension_from_frequency(
         Tensions, [2], N.
 
     Raises:
-        ValueError: no such guy, a frequency that is not positive, or no such tension.
+        ValueError: no such guy, a frequency that is not positive, or no such tension below the
+            strength.
 
     Example:
         >>> part = jc.masts.tube_section(20.0, "CHS 168.3x6.3")
@@ -81,6 +82,10 @@ def tension_from_frequency(
     fixed[1:-1, 1] = False  # sideways only
     length = float(np.linalg.norm(ends[1] - ends[0]))
     tension = weight / 9.80665 * (2 * length * frequency / half_waves) ** 2
+    strength = float(mast.of_guys("strength")[guy])
+    if tension > strength:
+        text = f"of a tension of {tension:.4g} N, above the strength of guy {guy}, {strength:.4g} N"
+        raise ValueError(f"frequency = {frequency} Hz: {text}")
     for _ in range(_ROUNDS):
         solution = solve(structure, Phase(pretension=tension, loads=SelfWeight()))
         with checks.without_warnings():  # of supports that `fixed` frees: it frees none

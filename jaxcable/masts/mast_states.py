@@ -12,6 +12,7 @@ from ..common.rules import not_negative
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..loads import EurocodeWind, LineLoads, NodalLoads, WindLoads, WindPowerLaw
+from ..loads.ice import warn_of_thick_ice
 from ..loads.load import Load
 from ..loads.masses import STANDARD_GRAVITY
 from ..loads.wind_profiles import WindProfile
@@ -80,6 +81,7 @@ class MastState:
             if getattr(self, name) is not None:
                 set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
         keep_rule(self, not_negative, self._data_fields[2:-1])
+        warn_of_thick_ice(self.ice)
 
     def ice_at(self, height: Float[ArrayLike, "*n"]) -> Float[Array, "*n"]:
         """Return the thickness of the ice at heights above the base, m, in their shape."""
@@ -216,10 +218,11 @@ def tia_state(
     - 2.6.9.6: ``q_z = 0.613 K_z K_zt K_d V^2 I``, N/m2; 2.6.7: times the gust effect factor;
     - 2.6.8: ice of the thickness ``2.0 t_i I K_iz K_zt^0.35``, ``K_iz = (z / 10 m)^0.10 <= 1.4``.
 
-    The text was not at hand when this was written; alpha, z_g and the least K_z of exposure B, and
-    the factor 2.0, were compared with excerpts. Revision H has winds and ice of other return
-    periods (`ice_factor`), load factors to match, and the density of air by altitude. Pattern
-    loading is not in it: give a `gust`, or factors of your own.
+    The text was not at hand when this was written; K_z is that of ASCE 7-05, with alpha and z_g of
+    its table 6-2; the least K_z of exposure B and the factor 2.0 were compared with excerpts.
+    Revision H has winds and ice of other return periods (`ice_factor`), load factors to match, and
+    the density of air by altitude. Pattern loading is not in it: give a `gust`, or factors of your
+    own. The power law has the velocity at z_g of the pressure with all these factors.
 
     Args:
         velocity: basic wind speed, 3 s gust at 10 m in open country, m/s.

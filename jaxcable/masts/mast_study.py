@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from ..common import checks, status
+from ..loads import WindPowerLaw
 from ..reporting import Report
 from ..reporting.table import columns_of_rows, make_table
 from .gust_effects import extremes
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTE = "V, M, displacement, sway: resultants of largest components along and across the wind"
+_SLACK = (
+    "below zero: the guy goes slack in gusts, which the root of the sum of squares does not know"
+)
 _SHARED = "of guys on one anchor add the forces; their largest ones may not act together"
 _FALLEN = 10.0  # degrees by which no mast leans that stands
 
@@ -33,6 +37,7 @@ _INPUT = {
     "iced weight, N; offset, m; azimuth, deg",
 }
 _STATES = "States; state; wind; wind factor, -; weight factor, -; ice, m, ice at 10 m"
+_LAW = "power law: velocity at this height; TIA-222: with the roots of all factors of its pressure"
 _GUYS = "Tensions of guys; guy; length, m, unstressed length; as built, N, at anchor; at mast, N; \
 largest, N; utilization, -, of strength; largest in; smallest, N; smallest in"
 _MAST = "Envelope of the mast; height, m; displacement, m, horizontal; largest in; sway, deg; \
@@ -70,6 +75,11 @@ class MastStudy:
         """The first status of the mast as built and of cases that is not OK; OK if all are."""
         codes = np.append(self.built.status, np.ravel(self.results.status))
         return int(next((code for code in codes if code != status.OK), status.OK))
+
+    @property
+    def holds(self) -> bool:
+        """Whether all cases are stable, no guy exceeds its strength and the mast does not fall."""
+        return bool(np.all(self.results.stable)) and not _overloads(self)
 
     def envelopes(self) -> dict[str, np.ndarray]:
         """Return envelopes over the height for each state and direction, [n_state, n_direction, n].
@@ -214,14 +224,15 @@ def _tables(study):
     factors = "wind_factor", "weight_factor", "ice"
     states = study.job.states.items()
     rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]
-    tables["states"] = _table(_STATES, rows)
+    laws = any(isinstance(x.wind, WindPowerLaw) for _, x in states)
+    tables["states"] = _table(_STATES, rows, *[_LAW] * laws)
     most, least = high.tensions.max(-1), low.tensions.min(-1)
     largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
     built, names = np.asarray(study.built.tensions), mast.guy_names
     lengths = np.asarray(study.built.rest_length).tolist()
     guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
-    tables["guys"] = _table(_GUYS, zip(*guys, strict=True))
+    tables["guys"] = _table(_GUYS, zip(*guys, strict=True), *[_SLACK] * (min(smallest[0]) < 0))
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]

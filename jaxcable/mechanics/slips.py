@@ -15,9 +15,10 @@ from .elementwise import evaluate_elements
 
 
 def slipping_places(system: System, x: Motion) -> Bool[Array, " n_place"] | None:
-    """Return where elements slip at a motion: places of all elements that can, in a row, bool.
+    """Return which places slip with friction in a motion, such as deviators, [n_place] bool.
 
-    None: no group can slip.
+    Places are those of all elements of all groups that can slip, one after the other; None if no
+    group can.
     """
     found = _slipping_by_group(system, x)
     return jnp.concatenate([own.ravel() for own in found]) if found else None
@@ -26,7 +27,10 @@ def slipping_places(system: System, x: Motion) -> Bool[Array, " n_place"] | None
 def elements_at_places(
     system: System, x: Motion, places: Bool[Array, " n_place"]
 ) -> Bool[Array, " n_elem"]:
-    """Return which elements have any of the `places` of `slipping_places`, all groups in a row."""
+    """Return which elements have one of the `places` chosen, those of all groups in a row.
+
+    `places` are chosen among those of `slipping_places`.
+    """
     widths = iter(jax.eval_shape(lambda: _slipping_by_group(system, x)))
     masks, first = [], 0
     for group in system.groups:
@@ -39,7 +43,7 @@ def elements_at_places(
 
 
 def _slipping_by_group(system, x):
-    """Return where elements slip, a list of arrays [n_elem, n_place] of the groups that can."""
+    """Return which places of elements slip, [n_elem, n_place] bool for each group that can."""
     pairs: Any = zip(system.groups, system.states, strict=True)
     return [
         evaluate_elements("is_slipping", group, state, system.nodes, x)

@@ -125,6 +125,27 @@ def slack_elements(
     return (tension >= 0 if group.compression_only else tension <= 0) & present
 
 
+def count_and_names_of_slack_elements(
+    structure: Structure, state: Any, most: int = 6
+) -> tuple[int, str]:
+    """Return how many elements are slack, and which: "stays 0, 4; ties 2 and 12 more", or "".
+
+    `state` is a `State`, `PhaseResult` or `Solution`, `most` the largest number that is named.
+    """
+    tensions = values_per_group(structure, state.tension)
+    masks = present_elements(structure, state.present)
+    parts, left, count = [], most, 0
+    for (name, group), tension, mask in zip(
+        named_groups_of(structure), tensions, masks, strict=True
+    ):
+        slack = np.flatnonzero(slack_elements(group, tension, mask))
+        count, shown = count + len(slack), slack[:left]
+        left -= len(shown)
+        if len(shown):
+            parts.append(f"{name or 'elements'} {', '.join(map(str, shown))}")
+    return count, "; ".join(parts) + f" and {count - most} more" * (count > most)
+
+
 class ResultColumn(NamedTuple):
     """A table column: one number per element of a result, at one place and of one component.
 

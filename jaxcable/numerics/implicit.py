@@ -153,6 +153,8 @@ def _residual_and_results(found, problem, names):
     step, *marks = _split_unknowns_and_marks(found)
     begin = system.impose_supports(system.with_support_rotations(x))
     residual, results = system.after_step(begin, step, *names)
+    # NaN if the adjoint solution is, by all parameters: slack elements pass none of it on
+    marks = [mark + 0.0 * gradient_probe(system) for mark in marks]
     return jnp.concatenate([residual, *marks]), {name: results[name] for name in names}
 
 
@@ -162,25 +164,23 @@ def _solve_tangent(problem, _, both):
     The arguments are those of `TangentSolver.forward`: the split arguments of
     `attach_derivative_with_marks`, a function that is not needed, and b with marks, [2 n + 1].
     """
-    b, mark, of_forces = _split_unknowns_and_marks(both)
     factor = _factorize_tangent(problem)
-    answer, unknown = factor.solve_with_undefined_mask(b)
+    answer, unknown = factor.solve_with_undefined_mask(both[: len(both) // 2])
     # what loose nodes do has no influence on forces
     fails = jnp.any(unknown & ~factor.loose)
-    marks = jnp.where(unknown, jnp.nan, mark), jnp.where(fails, jnp.nan, of_forces)
-    return jnp.concatenate([answer, *marks])
+    return jnp.concatenate([answer, jnp.where(jnp.append(unknown, fails), jnp.nan, 0.0)])
 
 
 def _solve_adjoint(problem, _, both):
-    """Return ``K^-T b`` and unchanged marks, [2 n + 1]; K is not assembled where b is zero.
+    """Return ``K^-T b`` and marks, NaN if this is not defined, together [2 n + 1].
 
-    The arguments are those of `_solve_tangent`.
+    K is not assembled where b is zero. The arguments are those of `_solve_tangent`.
     """
-    b, *marks = _split_unknowns_and_marks(both)
+    b, marks = jnp.split(both, (len(both) // 2,))
     answer = lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
-    return jnp.concatenate([answer, *marks])
+    return jnp.concatenate([answer, jnp.where(jnp.any(jnp.isnan(answer)), jnp.nan, marks)])
 
 
 def _factorize_tangent(problem):

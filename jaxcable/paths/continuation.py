@@ -90,7 +90,7 @@ def _initial_state(problem, code):
     event |= {"point": point, "null": no, "elements": no_element}
     return PathState(
         anchor=point,
-        mode=jnp.int32(LOAD),
+        step_kind=jnp.int32(LOAD),
         ds=zero,
         nominal_ds=jnp.sqrt(2.0).astype(dtype) * settings.step,
         first_stiffness=zero,

@@ -41,7 +41,7 @@ def eigenvalue_changed_sign(p: PathPoint, a: PathPoint) -> Bool[Array, ""]:
     )
 
 
-def count_sign_changes(
+def count_eigenvalue_sign_changes(
     p: BracketEnd, a: PathPoint, is_first: Bool[Array, ""]
 ) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """Count the eigenvalues of the tangent that change their sign from point `a` to point `p`.

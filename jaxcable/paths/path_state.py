@@ -94,7 +94,7 @@ class PathState:
 
     Attributes:
         anchor: the last point that was accepted, `PathPoint`.
-        mode: kind of the next step: ARC, FINISH or LOAD of `trial_step`.
+        step_kind: kind of the next step: ARC, FINISH or LOAD of `trial_step`.
         ds, nominal_ds: length of the next step, and of an ordinary step.
         first_stiffness: larger `stiffness` at both ends of the step in which an event was first
             seen, N/m.
@@ -116,7 +116,7 @@ class PathState:
     """
 
     anchor: PathPoint
-    mode: Int[Array, ""]
+    step_kind: Int[Array, ""]
     ds: Float[Array, ""]
     nominal_ds: Float[Array, ""]
     first_stiffness: Float[Array, ""]

@@ -12,7 +12,7 @@ from ..common.types import Array, Bool, Int, PyTree
 from ..mechanics.element_output import evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from . import events
-from .negative_eigenvalues import count_sign_changes
+from .negative_eigenvalues import count_eigenvalue_sign_changes
 from .path_state import PathPoint
 from .step_decision import StepDecision
 
@@ -58,7 +58,7 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
     event_records, count, whole = current.event_records, current.n_event, ~step.has_failure
     fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
     beside = select_tree(step.on_other_branch, current.bracket_end, step.bracket_end)
-    crossing, at_limit = count_sign_changes(beside, a, step.is_first)
+    crossing, at_limit = count_eigenvalue_sign_changes(beside, a, step.is_first)
     zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
     none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)
     event = {
@@ -91,17 +91,17 @@ def _factor_at_zero_stiffness(a, p):
 
 
 def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
-    """Return records of `count` points or events: zeros [count, ...] like every array of one."""
+    """Return zeros for `count` records of points or events: [count, ...] per array of `record`."""
     return jax.tree.map(lambda a: jnp.zeros((count, *a.shape), a.dtype), record)
 
 
 def _write_record(
-    rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
+    rows: PyTree[Array], index: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Return the records `rows` with `row` at index `number`, if `wanted` and if there is room."""
+    """Return the records `rows` with `row` at `index`, if `wanted` and if there is room."""
 
     def one(column, value):
-        at = jnp.where(wanted, number, len(column))  # beyond the end: dropped
+        at = jnp.where(wanted, index, len(column))  # beyond the end: dropped
         return column.at[at].set(value, mode="drop")
 
     return jax.tree.map(one, rows, row)

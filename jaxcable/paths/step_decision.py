@@ -38,12 +38,12 @@ class StepDecision(StepEvents):
         super().__init__(problem, current)
         settings, p, by_load = problem.settings, self.point, self.is_load_step
         inside = (p.factor < settings.until) & (p.factor > settings.down_to)
-        plain = self.usable & ~self.too_long & ~self.located & (current.mode == ARC)
+        plain = self.usable & ~self.too_long & ~self.located & (current.step_kind == ARC)
         self.overshoots = plain & ~self.is_first & ~inside
         stays = self.overshoots | self.too_long | self.ends_in_failure | self.on_other_branch
         self.accepted = self.usable & ~stays
         reached = by_load & (p.factor >= settings.until)
-        self.completes_path = self.accepted & ((current.mode == FINISH) | reached)
+        self.completes_path = self.accepted & ((current.step_kind == FINISH) | reached)
         self.records_point = self.accepted & (
             ~current.locating | self.located | self.completes_path
         )
@@ -83,7 +83,7 @@ class StepDecision(StepEvents):
         ds = jnp.where(self.retry, 0.25 * current.ds, jnp.where(locating, ahead, nominal_ds))
         by_load = (self.accepted & ~self.corrected.regular) | self.retry_by_load
         by_load = by_load | ((self.retry | self.too_long) & self.is_load_step)
-        mode = jnp.where(by_load, LOAD, jnp.where(self.overshoots, FINISH, ARC))
+        kind = jnp.where(by_load, LOAD, jnp.where(self.overshoots, FINISH, ARC))
         reach = jnp.where(p.factor >= settings.until, settings.until, settings.down_to)
         span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
         ds = jnp.where(self.overshoots, jnp.abs(span), ds)
@@ -91,7 +91,7 @@ class StepDecision(StepEvents):
         return copy_with(
             current,
             anchor=anchor,
-            mode=mode.astype(jnp.int32),
+            step_kind=kind.astype(jnp.int32),
             ds=jnp.where(self.retry_by_load | onward_by_load, settings.step, ds),
             nominal_ds=nominal_ds,
             first_stiffness=jnp.where(
@@ -116,7 +116,7 @@ class StepDecision(StepEvents):
         """Return the length of the next ordinary step, longer after few corrector iterations."""
         current, settings, p = self.current, self.problem.settings, self.point
         ease = jnp.sqrt(_EASY / jnp.maximum(self.corrected.steps, 1).astype(current.ds.dtype))
-        plain = self.accepted & ~current.locating & ~self.located & (current.mode == ARC)
+        plain = self.accepted & ~current.locating & ~self.located & (current.step_kind == ARC)
         nominal_ds = current.nominal_ds * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
         first = self.is_first | (current.displacement_scale == 0)
         nominal_ds = jnp.where(self.accepted & first, jnp.sqrt(2.0) * settings.step, nominal_ds)

@@ -140,7 +140,7 @@ def trace_path(
     refuse_as_built(structure, phases[-1:], "trace_path", len(phases) - 1)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     core = task.without_indices, task.arrays, task.method, settings, task.code
-    path, n_point, n_event = _trace_compiled(
+    path, n_point, n_event = _trace_as_program(
         *core, capacity=(int(steps), int(events)), bundles=task.bundles
     )
     path = map_element_fields(
@@ -175,7 +175,7 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
 
 
 @functools.partial(as_program, static=("capacity", "bundles"))
-def _trace_compiled(without_indices, index_arrays, method, settings, code, capacity, bundles):
+def _trace_as_program(without_indices, index_arrays, method, settings, code, capacity, bundles):
     """Return the `TracedPath` of full length, and the numbers of points and events in it.
 
     Args:

@@ -80,10 +80,10 @@ class TrialStep:
 
     def __init__(self, problem: PathProblem, current: PathState):
         self.problem, self.current = problem, current
-        self.is_first, self.is_load_step = current.n_point == 0, current.mode == LOAD
+        self.is_first, self.is_load_step = current.n_point == 0, current.step_kind == LOAD
         self._predict_and_correct()
         settings, begin, a = problem.settings, problem.begin, current.anchor
-        corrected, free = self.corrected, current.mode == ARC
+        corrected, free = self.corrected, current.step_kind == ARC
         known, new = current.displacement_scale, displacement_per_load(corrected, begin)
         scale = jnp.where(known > 0, known, new)
         self.system = system = problem.ramp.system_at(corrected.factor, a.memory)
@@ -107,11 +107,11 @@ class TrialStep:
         """Predict and correct the end of the step, and set `corrected` and `newton_code`."""
         ramp, settings, is_load_step = self.problem.ramp, self.problem.settings, self.is_load_step
         current, a, ds = self.current, self.current.anchor, self.current.ds
-        free = current.mode == ARC
+        free = current.step_kind == ARC
         factor = a.factor + ds * jnp.where(is_load_step, 1.0, a.rise)
         factor = jnp.where(is_load_step, jnp.minimum(factor, settings.until), factor)
         end = jnp.where(a.rise > 0, settings.until, settings.down_to)
-        factor = jnp.where(current.mode == FINISH, end, factor)
+        factor = jnp.where(current.step_kind == FINISH, end, factor)
         along = jnp.where(is_load_step, 0.0, ds * a.direction * current.displacement_scale)
         system = ramp.system_at(factor, a.memory)
         x, self.newton_code = system.move(a.x, along), jnp.int32(status.OK)

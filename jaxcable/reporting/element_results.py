@@ -81,7 +81,7 @@ def _rows_and_components(of, name):
         column._replace(values=np.asarray(column.values)[at].tolist())
         for column in element_columns(of.structure, range(len(groups)))
     ]
-    if len(places) > 1:
+    if len(places) > 1 or any(text != place for (*_, place), text in rows.items()):
         where.append(Column("place", "", list(rows.values())))
 
     def component_values(result, component):

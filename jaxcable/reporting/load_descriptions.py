@@ -76,7 +76,7 @@ def removed_elements_text(removes: PyTree[Bool[ArrayLike, " n_elem"]] | None) ->
         numbers = np.flatnonzero(mask)
         if len(numbers):
             count += len(numbers)
-            parts.append(f"{keystr(path)} {_numbers_text(numbers)}".strip())
+            parts.append(f"{keystr(path)} {numbers_text(numbers)}".strip())
     word = "element" if count == 1 else "elements"
     return f"{count} {word} lost: {'; '.join(parts)}" if count else ""
 
@@ -102,7 +102,7 @@ def describe_load(load: Load, structure: Structure, units: Units | None) -> str:
     if (per := vars(load).get("per")) is not None:
         described += f" (per {per} {'area' if isinstance(load, OnFaces) else 'length'})"
     if isinstance(load, PrescribedMovement) and (nodes := index_field(load, "nodes")) is not None:
-        described += f" of {'node' if len(nodes) == 1 else 'nodes'} {_numbers_text(nodes[:])}"
+        described += f" of {'node' if len(nodes) == 1 else 'nodes'} {numbers_text(nodes[:])}"
     return "; ".join([described, ", ".join(map(" ".join, numbers))]).removesuffix("; ")
 
 
@@ -139,10 +139,10 @@ def elements_text(elements: Int[ArrayLike, " n"]) -> str:
     count = len(elements)
     if count > _MOST_LISTED:
         return f"{count} elements"
-    return f"{'element' if count == 1 else 'elements'} {_numbers_text(elements)}"
+    return f"{'element' if count == 1 else 'elements'} {numbers_text(elements)}"
 
 
-def _numbers_text(elements):
+def numbers_text(elements):
     """Return indices of elements or nodes as text; of more than eight the first and the last."""
     numbers = [str(k) for k in np.asarray(elements)]
     if len(numbers) > _MOST_LISTED:

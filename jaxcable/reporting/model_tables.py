@@ -14,7 +14,7 @@ from ..analysis.phases import Phase
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float
 from ..common.units import Units
-from ..elements import GroundContacts, Springs
+from ..elements import FrictionCables, GroundContacts, Springs
 from ..elements.beam_element import BeamElement
 from ..elements.element import Element
 from ..elements.straight import Straight
@@ -167,9 +167,23 @@ def _further_properties(group, units):
         parts.append(f"unstressed length {range_with_unit(lengths, 'm', units)}")
     if group.hinges is not None:
         parts.append("hinges")
+    if isinstance(rope := group, FrictionCables):
+        parts += _friction_texts(rope, units)
     if isinstance(spring := group, Springs | GroundContacts):
         parts.append(f"stiffness {range_with_unit(spring.stiffness, 'N/m', units)}")
     return "; ".join(parts) or None
+
+
+def _friction_texts(rope, units):
+    """Return what cables with friction state on it and on their saddles, a list of texts."""
+    stated = {"friction": "-", "axle_friction": "-", "wobble": "1/m", "radius": "m"}
+    found = [
+        f"{name.replace('_', ' ')} {range_with_unit(value, unit, units).removesuffix(' -')}"
+        for name, unit in stated.items()
+        if (value := getattr(rope, name)) is not None
+    ]
+    axes = [] if rope.axis is None else np.unique(np.reshape(rope.axis, (-1, 3)), axis=0)
+    return found + ([f"axis {', '.join(map(vector_text, axes[:_MOST]))}"] if len(axes) else [])
 
 
 def _phase_table(structure, phases, names, units):

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..analysis.activation import Activation
 from ..analysis.phases import Phase, all_phase_inputs
-from ..common.types import Int
+from ..common.types import Float, Int
 from ..common.units import Units
 from ..elements.abilities import PHASE_INPUTS, Hanging, accepted_inputs
 from ..elements.phase_input import InputValues
 from ..loads import as_list
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
-from .load_descriptions import describe_load, elements_text, range_with_unit
+from .load_descriptions import describe_load, elements_text, numbers_text, range_with_unit
 
 
 def describe_phase_inputs(
@@ -95,6 +95,8 @@ def _describe_values(
             meant = np.flatnonzero(stated.chosen)
         unit = accepted_inputs(group)[name].unit
         text = range_with_unit(values[meant], unit, units).removesuffix(" -")
+        if name == "clamped" and np.ptp(values[meant]):
+            text = _clamps_text(group.links.array[meant], values[meant])
         parts.setdefault(text, []).append(_chosen_elements_text(label, meant, len(values)))
     single = len(inputs) == 1
     described = [
@@ -104,3 +106,13 @@ def _describe_values(
     others = [f"none on {', '.join(without)}"] if without else []
     others += [f"{', '.join(cold)} has no expansion"] if cold else []
     return described, others
+
+
+def _clamps_text(
+    links: Int[np.ndarray, "n n_end"], clamped: Float[np.ndarray, "n n_deviator"]
+) -> str:
+    """Return at which nodes some cables are clamped, and at which they are not, as text."""
+    inner = links[:, 1:-1]
+    nodes = (inner[(clamped == value) & (inner != links[:, -1:])] for value in (1, 0))  # no fillers
+    closed, opened = (numbers_text(np.unique(some)) for some in nodes)
+    return f"at {closed}, open at {opened} (nodes)"

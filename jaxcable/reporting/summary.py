@@ -8,7 +8,11 @@ import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..model.result_parts import named_groups_of, present_elements
+from ..model.result_parts import (
+    count_and_names_of_slack_elements,
+    named_groups_of,
+    present_elements,
+)
 from ..model.structure import Structure
 from ..model.torsional_mechanisms import describe_torsional_mechanisms
 
@@ -70,10 +74,13 @@ def _phase_sentence(structure, last, head, phase):
     text = f"{head}: {int(good.sum())} of {good.size} increments converged"
     if good.any():
         k = np.flatnonzero(good)[-1]
-        count = int(np.asarray(path.n_slack)[k])
+        count, names = int(np.asarray(path.n_slack)[k]), ""
+        if int(phase.status) == status.OK:  # those without tension: as in the table of them
+            count, names = count_and_names_of_slack_elements(structure, phase)
         slack = f"{count or 'no'} slack cable{'s' * (count != 1)}"
         if any(group.compression_only for group in structure.groups):
             slack = f"{count or 'no'} slack cables or open contacts"
+        slack += f" ({names})" * bool(names)
         loose = int(np.asarray(path.n_loose)[k])
         if loose > 0:
             nodes, have = ("node", "has") if loose == 1 else ("nodes", "have")

@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import legder, legvander
 
 from ..common.types import Array, Float
 from ..elements.bending import gauss_lobatto
+from ..programs.program_calls import as_program
 
 # Largest number of points through which there is one polynomial, with slopes of degree 11; higher
 # degrees would be of no use. Through more points there are cubics.
@@ -205,13 +206,23 @@ def interpolate_recorded_forces(
                     f"state: has {len(values)} elements in group {number}, the structure has "
                     f"{len(links)}"
                 )
-            chord = positions[links[:, 1]] - positions[links[:, 0]]
-            length = jnp.sqrt((chord * chord).sum(axis=1))
-            if own is not None:
-                at = gauss_lobatto(values.shape[1])[0]
-                values = values - forces_of_point_loads(own, length, at[None])
-            values = interpolate_section_forces(values, length, places)
-            if own is not None:
-                values = values + forces_of_point_loads(own, length, places[None])
+            at = tuple(map(float, places))
+            values = _interpolate_forces(values, positions[links], own, places=at)
         found.append(values)
     return found
+
+
+@functools.partial(as_program, static=("places",))
+def _interpolate_forces(forces, ends, loads, *, places):
+    """Return section forces [n_elem, n_place, 6] from those of a state; a program.
+
+    Arguments as of `interpolate_recorded_forces`, for one group; `ends` are [n_elem, 2, 3], m.
+    """
+    chord, at = ends[:, 1] - ends[:, 0], np.array(places)
+    length = jnp.sqrt((chord * chord).sum(axis=1))
+    if loads is None:
+        return interpolate_section_forces(forces, length, at)
+    points = gauss_lobatto(forces.shape[1])[0]
+    smooth = forces - forces_of_point_loads(loads, length, points[None])
+    found = interpolate_section_forces(smooth, length, at)
+    return found + forces_of_point_loads(loads, length, at[None])

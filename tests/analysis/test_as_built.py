@@ -381,6 +381,7 @@ def tied_post():
     return structure, alone, [first, jc.Phase(adds="tie", loads=jc.NodalLoads([1], (2e3, 0, 0)))]
 
 
+@pytest.mark.slow
 def test_what_a_later_phase_adds_does_not_hold_the_search():
     """A tension stated in the first phase is that of a structure without the tie that comes later.
 

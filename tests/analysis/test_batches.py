@@ -1,7 +1,6 @@
 """Chunks, devices and processes change nothing in the answers of a batch."""
 
 import functools
-import gc
 import json
 import os
 import socket
@@ -83,7 +82,7 @@ def test_random_keys_are_cases():
     np.testing.assert_allclose(found, jax.vmap(jax.random.normal)(keys), rtol=1e-14)
 
 
-def test_the_same_program_serves_all_calls():
+def test_the_same_program_serves_all_calls(collect_young):
     """Another number of cases at once, or another number in it, is another program."""
 
     def power(x):
@@ -102,7 +101,7 @@ def test_the_same_program_serves_all_calls():
     np.testing.assert_array_equal(jc.batched(power)(cases), cases**3)
     assert len(known) == 4
     kept = jc.batched(lambda x: 2 * x)  # nobody else has this function
-    gc.collect()
+    collect_young()
     np.testing.assert_array_equal(kept(cases), 2 * cases)
 
 

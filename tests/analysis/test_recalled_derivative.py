@@ -126,7 +126,7 @@ def linear_maps():
     return parts | {"twice": np.tile(sums, (2, 1))}, maps
 
 
-@pytest.mark.slow_cases("jit of push", "jit of pull", "gradient of batch", "batch of batches")
+@pytest.mark.quick_cases("push", "pull", "transpose of push")
 @pytest.mark.parametrize("name", LINEAR)
 def test_transformations_of_linear_maps(linear_maps, name):
     """They are called later, when their programs have been forgotten."""
@@ -159,12 +159,9 @@ def test_derivatives_of_the_path_are_nan_or_given():
     rate, code = jax.grad(lowest, has_aux=True)(600.0)
     assert int(code) == 0 and np.isnan(rate)
     known = jax.grad(lowest, has_aux=True)(600.0, differentiate_path=True)[0]
-    half = jax.grad(
-        lambda load: jc.solve(
-            structure, jc.Phase(loads=jc.NodalLoads([1], load * DOWN))
-        ).displacement[1, 2]
-    )
-    np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
+    # of a difference over a three-hundredth of the load, squared
+    difference = (lowest(601.0)[0] - lowest(599.0)[0]) / 2
+    np.testing.assert_allclose(known, difference, rtol=2e-5)
 
 
 @pytest.mark.slow_cases("True")

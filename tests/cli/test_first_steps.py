@@ -117,7 +117,7 @@ def test_scripts_pass_the_linter(folder):
         assert "jc.scenes" not in text and 40 <= len(text.splitlines()) <= 70
 
 
-@pytest.mark.slow_cases("mast", "net")
+@pytest.mark.slow_cases("bridge", "mast", "net")
 @pytest.mark.parametrize("kind", new.KINDS)
 def test_scripts_agree_with_their_scenes(kind, folder, solved, tmp_path, monkeypatch, capsys):
     """As ``python net.py`` in another folder: they set precision by themselves.

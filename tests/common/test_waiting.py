@@ -31,7 +31,7 @@ def ended(name):
     return done.stdout.strip()
 
 
-@pytest.mark.slow_cases("frames_in_threads")
+@pytest.mark.slow_cases("frames_in_threads", "searches", "fits")
 @pytest.mark.parametrize("name", USUAL)
 def test_calls_end(name):
     assert ended(name) == "30 calls ended"

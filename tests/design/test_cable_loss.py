@@ -90,7 +90,7 @@ def frame(hinged):
     return jc.Structure(nodes, {"beam": beams, "stay": stay}, jc.clamped([0, 2]) + jc.pinned([3]))
 
 
-@pytest.mark.slow_cases("bars", "hinged beam")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("structure", "elements", "removes", "load"),
     [

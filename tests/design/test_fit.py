@@ -204,3 +204,22 @@ def test_history_and_progress():
     assert str(reports[0]).startswith("trial 0 of 100: misfit ")
     refused = next(news for news in reports if not news.accepted)
     assert str(refused).endswith(", not accepted")
+
+
+def test_a_search_that_zigzags_across_a_kink_ends():
+    """Residuals that are the larger of two: the least is at kinks, found by Nelder and Mead.
+
+    Once 100 trial points; ten of which five are refused and the rest gain 1e-4 are enough.
+    """
+
+    def residuals(p, xp=jnp):
+        one, other = xp.maximum(p[0], 2 * p[1]) + 3, 4 * xp.maximum(-p[0], -p[1]) + 2
+        return xp.stack([one, other, p[0] * p[1] + 1])
+
+    def squares(p):
+        return np.sum(residuals(p, np) ** 2)
+
+    found = jc.fit(residuals, jnp.array([2.0, -1.0]))
+    best = optimize.minimize(squares, [0.0, 0.0], method="Nelder-Mead", tol=1e-9)
+    assert int(found.status) == status.STALLED and int(found.steps) <= 20
+    assert best.fun <= found.misfit**2 < best.fun * (1 + 1e-3)

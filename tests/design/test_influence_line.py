@@ -1,6 +1,7 @@
 """Influence lines and trains: closed forms of a two-span beam, unit loads, brute force."""
 
 import functools
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -57,6 +58,18 @@ def begun(stayed):
 def line(stayed, of):
     given = structure(stayed=stayed), begun(stayed), PATH, of
     return design.influence_line(*given, on="deck", method=TIGHT)
+
+
+@pytest.mark.slow
+def test_forces_are_taken_some_at_a_time(monkeypatch):
+    """Sixteen places on each element, five at a time, of which the last ones fill up a rest."""
+    whole = line(False, moments_and_reaction)
+    monkeypatch.setattr(sys.modules[design.influence_line.__module__], "_MOST_LOADS", 5)
+    given = structure(), begun(False), PATH, moments_and_reaction
+    parts = design.influence_line(*given, on="deck", method=TIGHT)
+    # the same derivatives in another program, of moments in m
+    np.testing.assert_allclose(parts.coefficients, whole.coefficients, atol=1e-9)
+    np.testing.assert_array_equal(parts.stations, whole.stations)
 
 
 def closed_form(x):

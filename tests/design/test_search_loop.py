@@ -1,6 +1,5 @@
 """Searches are loops in Python, which other programs call; functions and progress of users."""
 
-import gc
 import weakref
 
 import jax
@@ -56,7 +55,7 @@ def test_an_interrupt_ends_the_search(name):
 
 
 @pytest.mark.parametrize("search", [jc.fit, jc.minimize])
-def test_functions_are_not_kept_alive(search):
+def test_functions_are_not_kept_alive(search, collect_young):
     def make():
         wanted = jnp.array([0.0, 2.0])
         return lambda p: p - wanted if search is jc.fit else ((p - wanted) ** 2).sum()
@@ -65,7 +64,7 @@ def test_functions_are_not_kept_alive(search):
     search(function, START)
     gone = weakref.ref(function)
     del function
-    gc.collect()
+    collect_young()
     assert gone() is None
 
 

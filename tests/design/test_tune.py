@@ -245,6 +245,9 @@ def test_lengths_end_at_what_a_turnbuckle_can_do():
     assert float(wide.values[0].values) == pytest.approx(-76.0, rel=1e-6)
     assert wide.remarks == () and repr(wide).startswith("Tuned: converged\n")
     jc.raise_if_failed(wide)
+    near = converged(shortened(height, -3.9, (-0.5, None)))
+    stop = "unknowns[0].values (shortening) = -0.5: at a bound that was given"
+    assert near.remarks[0] == stop and "off by" in near.remarks[1]
 
 
 def test_default_bounds_of_all_lengths():

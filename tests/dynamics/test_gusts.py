@@ -141,6 +141,7 @@ def test_resonance_and_slow_waves_of_one_mode():
         assert gust.tension["clamp"] is None and float(gust.tension["pole"][0]) < 1.0
 
 
+@pytest.mark.slow
 def test_there_are_no_gusts_on_the_ground():
     """A mean force at the foot, where the wind is zero, changes nothing; derivatives are finite."""
     _, solution, _, mean = mast()

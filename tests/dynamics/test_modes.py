@@ -116,6 +116,7 @@ def cantilever(law, points=4, ei=2100.0, weight=77.0, n=1):
     return float(modes(structure, solution, n=1).squared[0])
 
 
+@pytest.mark.slow
 def test_one_beam_swings_as_its_cubic():
     """The textbook's stiffness and consistent mass of one beam, by NumPy."""
     mass = 77.0 / 9.80665 * 4.0

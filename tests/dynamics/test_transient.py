@@ -124,14 +124,13 @@ def integrated(stiffness, time=1.5):
 
 @pytest.mark.parametrize("scheme", ["generalized-alpha", "energy-momentum"])
 def test_an_elastic_pendulum_converges_at_second_order(scheme):
-    """Three halvings; bars, so that no kink of slack is passed."""
+    """A quarter of the step; bars, so that no kink of slack is passed."""
     stiffness, apart = 400.0, []
     exact = integrated(stiffness, 0.6)
-    for step in (0.02, 0.01, 0.005, 0.0025):
+    for step in (0.02, 0.005):
         place, _ = pendulum(stiffness, step, 0.6, jc.Bars, scheme=scheme)
         apart.append(np.abs(place[-1, [0, 2]] - exact).max())
-    orders = np.log2(np.array(apart[:-1]) / apart[1:])
-    assert_allclose(orders, 2, atol=0.15)
+    assert_allclose(0.5 * np.log2(apart[0] / apart[1]), 2, atol=0.15)
 
 
 def test_energy_and_angular_momentum_stay():
@@ -168,7 +167,6 @@ def test_a_bar_that_breaks():
     held = jc.pinned([0, 1]) + jc.restrained([2], "xy")
     structure = jc.Structure(nodes, bars, supports=held)
     before = converged(jc.solve(structure, jc.Phase(loads=jc.NodalLoads([2], (0, 0, -1e3)))))
-    after = converged(jc.solve(structure, jc.Phase(removes="goes"), start=before))
     mass, period = 100.0, 2 * np.pi * np.sqrt(100.0 * 2.0 / 1e6)
     for time, ramp, factor in ((0.0, 0.0, 2.0), (0.25, 0.0, 2.0), (0.0, 0.5, 1 + 2 / np.pi)):
         gone = Removal("goes", time=time * period, duration=ramp * period)
@@ -182,7 +180,7 @@ def test_a_bar_that_breaks():
         )
         assert int(moved.status) == 0
         force = np.asarray(moved.tension["stays"])[:, 0]
-        first, last = (float(s.tension["stays"][0]) for s in (before, after))
+        first, last = float(before.tension["stays"][0]), 1e3  # it hangs plumb
         assert_allclose((force.max() - first) / (last - first), factor, rtol=1e-4)
         steps = round(200 * time)
         assert_allclose(force[: steps + 1], first, rtol=1e-9)
@@ -218,6 +216,7 @@ def test_the_part_of_a_chain_that_breaks_off_falls_freely():
     assert_allclose(center, thrown, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_cable_that_is_slack_at_the_end_has_a_dynamic_factor():
     """And one whose group has no tensions beside it, as with the springs, does no harm."""
     nodes = [[0.0, 0, 0], [2.0, 0, 0], [1.0, 0, 0], [1.0, 0, -1.0]]

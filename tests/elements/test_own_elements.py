@@ -230,7 +230,7 @@ def test_inner_unknowns_without_rotations():
     assert_allclose(rate, -10.0 / 300.0**2, rtol=1e-9)
 
 
-@pytest.mark.slow_cases("newton")
+@pytest.mark.slow_cases("increments")
 @pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental()], ids=["newton", "increments"])
 def test_a_memory_of_where_an_element_was(method):
     """A damper beside a spring: ``(k + c) u = load + c u_before`` in every increment."""

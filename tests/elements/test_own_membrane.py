@@ -228,6 +228,7 @@ def test_faces_in_files(tmp_path):
         assert len(jc.files.read_dxf(tmp_path / "roof.dxf").links) == 16
 
 
+@pytest.mark.slow
 def test_faces_in_pictures():
     """Filled with their result; what is absent is not drawn; edge cables stay above the faces."""
     structure, phases, solution = once()

@@ -19,6 +19,7 @@ def of_rope(phase, name):
     return np.asarray(phase.element_results[name]["rope"][0])
 
 
+@pytest.mark.slow
 def test_capstan():
     """exp(mu theta) over the arc that the tangents leave, and T / r on the saddle."""
     nodes = [[-3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, -4.0]]
@@ -80,6 +81,8 @@ def test_against_circles_in_numpy(friction):
         tension = relaxed(length, rest, bound, EA)
         assert_allclose(of_rope(phase, "segment_tension"), tension, rtol=1e-8)
         assert_allclose(of_rope(phase, "contact_arc"), RADII * angle, rtol=1e-10)
+        pressure = np.maximum(tension[:2], tension[1:3]) / RADII[:2]
+        assert_allclose(of_rope(phase, "contact_pressure")[:2], pressure, rtol=1e-8)
         slid += [*(slips[-1] - before)[:2]]
         direction = belt(places, RADII, TURNS)[0]
         pull = tension[:, None] * np.stack([np.cos(direction), np.sin(direction)], axis=1)
@@ -182,6 +185,12 @@ def test_lifts_off():
         (r"radius\[0, 1\] = 0.1: the polygon of the nodes is straight", {"radius": 0.1}),
         (r"radius\[0, 0\] = 0.1: `axis` is zero", {"radius": 0.1, "axis": (0.0, 0.0, 0.0)}),
         (r"axis: expected .*shape \(3,\) or \(1, 2, 3\), got \(2,\)", {"axis": [1.0, 0.0]}),
+        (
+            r"radius\[0, 0\] = 0.1: `axis` is zero there, or more",
+            {"radius": 0.1, "axis": (1, 1, 0)},
+        ),
+        (r"radius\[0, 0\] = 0.1: the cable turns against", {"radius": 0.1, "axis": (0, 1, 0)}),
+        (r"axis: of saddles and pulleys with a `radius`", {"axis": (0, 1, 0)}),
     ],
 )
 def test_messages(text, changes):

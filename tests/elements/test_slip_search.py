@@ -56,7 +56,7 @@ def violation(cable, tension, has_jack):
     return worst
 
 
-@pytest.mark.slow_cases("12-anchored", "5-jacked")
+@pytest.mark.slow_cases("12-anchored", "5-jacked", "12-jacked")
 @pytest.mark.parametrize("has_jack", [False, True], ids=["anchored", "jacked"])
 @pytest.mark.parametrize("n", [2, 5, 12])
 def test_tensions_and_slips_fulfil_coulombs_conditions(n, has_jack):
@@ -90,4 +90,5 @@ def test_tensions_that_are_not_in_balance_are_told():
         (right, gained + 1e-8, False),
     ]:
         ends = friction.SegmentTensions(tension, None, jnp.ones(1), jnp.array([0.1]), moved)
-        assert bool(friction.are_balanced(ends, jnp.full(2, 1e-5), length, None, False)) == expected
+        vanish = friction.residuals_vanish(ends, jnp.full(2, 1e-5), length, None, False)
+        assert bool(vanish) == expected

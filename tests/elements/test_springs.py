@@ -93,6 +93,7 @@ def test_a_beam_that_loses_its_ground_is_a_mechanism():
     assert np.isnan(np.asarray(solution.displacement)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:node .* has moved")  # far, as it is meant to
 def test_large_rotations_of_a_spring():
     """A moment turns an end by 1.5 rad: the same stiffness about all axes gives ``k theta``."""

@@ -39,7 +39,7 @@ def listening(monkeypatch):
     jc.forget_programs()
 
 
-@pytest.mark.quick_cases("full", "predicted")  # each has its programs compiled anew
+@pytest.mark.quick_cases("full")  # each has its programs compiled anew
 @pytest.mark.filterwarnings("ignore:node .* has moved", "ignore::jaxcable.UnstableWarning")
 @pytest.mark.parametrize("kinds", NEEDED_BY, ids=" and ".join)
 def test_kinds_of_steps_are_taken_where_they_are_needed(kinds, listening):

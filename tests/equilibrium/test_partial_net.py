@@ -133,7 +133,7 @@ def interior_steps(monkeypatch):
     jc.forget_programs()
 
 
-@pytest.mark.slow_cases("1-118000.0-False")
+@pytest.mark.slow
 @pytest.mark.parametrize("seed, ratio, follows", [(1, 1.18e5, False), (2, 3674.0, True)])
 def test_indefinite_interior_steps_are_taken_if_the_tangent_is_unsymmetric(
     seed, ratio, follows, interior_steps

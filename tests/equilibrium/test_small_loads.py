@@ -101,6 +101,7 @@ def test_a_tiny_load_beside_a_movement_need_not_be_resolved():
     assert int(jc.solve(structure, [prestress, jc.Phase(loads=both)]).status) == status.OK
 
 
+@pytest.mark.slow
 def test_float32_is_judged_by_forces_only():
     structure, prestress = two_links(jc.Cables, np.float32(1e3), np.float32(HEIGHT))
     nodes = np.asarray(structure.nodes, np.float32)

@@ -177,8 +177,8 @@ def test_rules_of_an_annex_are_read_back(tmp_path):
 
 SERVICE = {"type": "CableService"}
 BAD_CHECKS = {
-    r"checks\[0\] = 'EN 1993': expected one of": "EN 1993",
-    r"checks\[0\]: expected a check": [5],
+    r"checks\[0\]: expected EN 1993-1-11 or ASCE 19 .*MemberSection.*'EN 1993'$": "EN 1993",
+    r"checks\[0\]: expected EN 1993-1-11 .*, got int": [5],
     r"checks\[1\]: .*is the name of checks\[0\]": [SERVICE, SERVICE],
     r"checks\[0\]: CableService has no key 'fractoin'": [{**SERVICE, "fractoin": 0.4}],
     "checks: cable service stress: elements = 'nett'": [{**SERVICE, "elements": "nett"}],

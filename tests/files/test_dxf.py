@@ -368,3 +368,12 @@ def test_units_of_all_codes(tmp_path):
         net = read_dxf(path)
         length = np.linalg.norm(net.nodes[net.links[0, 1]] - net.nodes[net.links[0, 0]])
         assert length == pytest.approx(5.0, rel=1e-12)
+
+
+def test_points_of_nodes_may_be_left_out(tmp_path):
+    structure, _ = scenes.geiger_dome()
+    kinds = []
+    for node_points in (True, False):
+        save_dxf(tmp_path / "net.dxf", structure, node_points=node_points)
+        kinds.append({one.dxftype() for one in ezdxf.readfile(tmp_path / "net.dxf").modelspace()})
+    assert kinds[0] - kinds[1] == {"POINT"} and "LINE" in kinds[1]

@@ -157,7 +157,7 @@ def results(solution):
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("name", FILES)
 def test_a_scene_in_other_units_is_the_same_scene(name, system, tmp_path):
-    structure, phases, expected = solved(name)
+    structure, phases = FILES[name]()
     path = tmp_path / "scene.json"
     jc.save_scene(path, (structure, phases))
     data = json.loads(path.read_text("utf-8"))
@@ -171,9 +171,10 @@ def test_a_scene_in_other_units_is_the_same_scene(name, system, tmp_path):
         jax.tree.leaves((structure, phases)), jax.tree.leaves(tuple(read)), strict=True
     ):
         np.testing.assert_allclose(b, a, rtol=1e-12)  # three roundings, each of 2e-16
-    solution = converged(jc.solve(*read))
-    for a, b in zip(results(expected), results(solution), strict=True):
-        np.testing.assert_allclose(b, a, atol=1e-10 * max(np.abs(a).max(), 1e-6))
+    if name == "net":  # the same numbers are the same analysis
+        solution = converged(jc.solve(*read))
+        for a, b in zip(results(solved(name)[2]), results(solution), strict=True):
+            np.testing.assert_allclose(b, a, atol=1e-10 * max(np.abs(a).max(), 1e-6))
     # written again, it is in its units; and numbers come back
     jc.save_scene(path, read)
     again = jc.load_scene(path)
@@ -403,7 +404,7 @@ UNIT = r"(?<![\w/])(?:N|m|mm|kN|MPa|Pa|J|kJ|kN m|N m|N/m|m2)(?![\w/'-])"
 """Units of SI in texts."""
 
 
-@pytest.mark.quick_cases("net-lbf, in, F", "frame-kip, ft, F", "hung-N, mm")
+@pytest.mark.quick_cases("net-lbf, in, F", "frame-kip, ft, F")
 @pytest.mark.parametrize("system", [*SYSTEMS, "lbf, in, F"])
 @pytest.mark.parametrize("name", SCENES)
 def test_reports_have_the_stated_units(name, system):
@@ -478,7 +479,7 @@ def words_of(figure):
     return [text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_text()]
 
 
-@pytest.mark.slow_cases("N, mm", "kgf, cm", "kip, ft, F")
+@pytest.mark.slow_cases("N, mm", "kN, m", "kgf, cm", "kip, ft, F")
 @pytest.mark.parametrize("system", [*SYSTEMS, "lbf, in"])
 def test_pictures_have_the_stated_units(system):
     structure, _, solution = solved("frame")

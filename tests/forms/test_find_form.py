@@ -244,6 +244,7 @@ def test_changing_numbers_is_not_traced_again(monkeypatch):
     converged(find_form(jc.replace(NET, nodes=np.asarray(NET.nodes) * 1.1), np.full(40, 2e3)))
 
 
+@pytest.mark.slow
 def test_ties_that_slide_along_a_cable_are_named():
     """Ties of 6 kN pull six nodes of a cable of 10 kN sideways: only its last link can resist.
 

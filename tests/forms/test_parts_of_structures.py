@@ -85,6 +85,7 @@ FREE = np.setdiff1d(range(SADDLE.n_node), PART)
 Q = np.random.default_rng(0).uniform(500, 900, 12)
 
 
+@pytest.mark.slow
 def test_a_form_turned_in_space_is_the_turned_form():
     """Two bearings slide along y; turned, they slide along an inclined line, by other code."""
     slides = PART[:2]
@@ -110,6 +111,7 @@ def test_a_form_turned_in_space_is_the_turned_form():
 # --- densities, forces and lengths in one problem
 
 
+@pytest.mark.slow
 def test_three_statements_in_one_problem():
     """Each holds, and the nodes balance by NumPy."""
     kinds = np.arange(12) % 3

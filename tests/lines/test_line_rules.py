@@ -36,9 +36,9 @@ def loaded(v):
         string_length=2.5,
         string_weight=v["string_weight"],
     )
-    strung = jc.lines.string(section, parameter=v["parameter"])
     names = ("ice", "wind", "drag", "extra", "ice_density")
     state = jc.lines.LineState(5.0, **{name: v[name] for name in names})
+    strung = jc.lines.string(section, parameter=v["parameter"])
     found = jc.lines.analyse(section, strung, {"state": state})
     return found.status[0], found.sag[0]
 

@@ -312,24 +312,7 @@ def test_wrong_states_and_stringings_are_refused():
     assert isinstance(jax.tree.leaves(section)[0], np.ndarray)
 
 
-@pytest.mark.parametrize("length", [300.0, 1000.0])
-def test_after_the_load_that_stretches_it_the_conductor_is_as_in_it(length):
-    """At the corner of first loading and unloading the final state is the initial one.
-
-    To 1e-5: the slope with which a catenary is elastic is not the same to second order.
-    """
-    drake = jc.catalogue.conductor("Drake")
-    section = jc.lines.LineSection(drake, [0.0, length], [0.0, 0.0], [40.0, 40.0], "post")
-    strung = jc.lines.string(section, parameter=1400.0, temperature=10.0)
-    ice = jc.lines.LineState(-5.0, ice=0.02)
-    left = jc.lines.stretch(section, strung, {"ice": ice})
-    states = {"ice": ice, "again": jc.replace(ice, condition="final")}
-    found = jc.lines.analyse(section, strung, states, permanent=left)
-    np.testing.assert_array_equal(found.status, 0)
-    np.testing.assert_allclose(found.horizontal[1], found.horizontal[0], rtol=1e-5)
-    np.testing.assert_allclose(found.sag[1], found.sag[0], rtol=1e-5)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("stretched", [False, True])
 def test_a_span_beside_an_angle_tower_has_the_sag_that_is_stated(stretched):
     """To 1e-7 where loads count per stretched length, which lags behind by one round."""

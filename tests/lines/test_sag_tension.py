@@ -180,6 +180,93 @@ def test_aluminum_goes_slack_at_heat():
     np.testing.assert_array_equal(again, left)
 
 
+# Arbutus, 795 kcmil AAC of 37 strands. No published table was found beside the curves of such a
+# conductor, so these curves are made up, in Pa: first loading, and ten years of creep
+FIRST, CREEP, FINAL = [0.0, 56e9, -6.5e12, 4e14], [0.0, 34e9, -3.0e12, 1e14], 59e9
+AREA, DIAMETER, WEIGHT, WARMS = 402.8e-6, 26.06e-3, 10.88, 23e-6
+AAC = {  # temperature C, ice m, wind N/m2, extra N/m
+    "heavy": (-18.0, 0.0127, 190.0, 4.4),
+    "-20": (-20.0, 0.0, 0.0, 0.0),
+    "15": (15.0, 0.0, 0.0, 0.0),
+    "75": (75.0, 0.0, 0.0, 0.0),
+    "100": (100.0, 0.0, 0.0, 0.0),
+}
+
+
+def aac_strain(tension, temperature, curve=FIRST, permanent=None):
+    """Strain of the conductor of one layer under a tension, N, over its length at 20 C."""
+    stress = tension / AREA
+    low, high = np.zeros_like(stress), np.full_like(stress, 5e-3)
+    for _ in range(60):  # bisection on the curve, which rises
+        middle = 0.5 * (low + high)
+        below = np.polynomial.polynomial.polyval(middle, curve) < stress
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    if permanent is not None:
+        low = np.maximum(low, permanent + stress / FINAL)
+    return low + WARMS * (temperature - 20.0)
+
+
+def aac_span(span, state, rest=None, tension=None, **law):
+    """Unstressed length, sag, tension at the supports and in the mean of a level span.
+
+    The length or the tension at the supports is given. Loads count per stretched length, so that
+    the shape is a catenary; lengths by quadrature.
+    """
+    temperature, ice, wind, extra = state
+    down = WEIGHT + 9.80665 * 913.05 * np.pi * ice * (DIAMETER + ice)
+    load = np.hypot(down, wind * (DIAMETER + 2 * ice)) + extra
+    places, weights = np.polynomial.legendre.leggauss(20)
+
+    def found(level):
+        c, half = level / load, span / 2
+        x = half * places
+        rate = np.cosh(x / c)  # of the length of the curve
+        length = half * weights @ (rate / (1 + aac_strain(level * rate, temperature, **law)))
+        mean = level * (weights @ rate**2) / (weights @ rate)
+        return length, c * (np.cosh(half / c) - 1), level * np.cosh(half / c), mean
+
+    low, high = 500.0, 60e3
+    for _ in range(60):
+        level = 0.5 * (low + high)
+        length, _, top, _ = found(level)
+        more = top < tension if rest is None else length > rest
+        low, high = (level, high) if more else (low, level)
+    return found(level)
+
+
+@pytest.mark.slow
+def test_table_of_an_aluminum_conductor_against_quadrature():
+    """One layer, strung to 20 % of its strength at 15 C: before and after stretch, to 2e-6.
+
+    The permanent strain is that by the mean tension, one for the whole span.
+    """
+    span, limit = 200.0, 12.4e3
+    layer = jc.catalogue.Layer(FIRST, FINAL, WARMS, creep=CREEP)
+    conductor = jc.catalogue.Conductor(
+        (layer,), AREA, DIAMETER, WEIGHT, 61.8e3, temperature=20.0, name="Arbutus"
+    )
+    states = {
+        name: jc.lines.LineState(t, ice=ice, wind=wind, extra=extra, ice_density=913.05)
+        for name, (t, ice, wind, extra) in AAC.items()
+    }
+    found = jc.lines.sag_tension(
+        conductor, span, states, {"15": limit}, stretched_by=["heavy"], creep="15"
+    )
+    assert (found.initial.status == jc.status.OK).all()
+    assert (found.final.status == jc.status.OK).all()
+    rest, *_ = aac_span(span, AAC["15"], tension=limit)
+    sets = []
+    for name, curve in (("heavy", FIRST), ("15", CREEP)):
+        mean = aac_span(span, AAC[name], rest, curve=curve)[-1]
+        sets.append(aac_strain(np.array([mean]), 20.0, curve)[0] - mean / AREA / FINAL)
+    assert sets[1] > sets[0] > 0  # creep governs
+    for k, state in enumerate(AAC.values()):
+        for j, law in enumerate(({}, {"permanent": max(sets)})):
+            _, sag, top, _ = aac_span(span, state, rest, **law)
+            assert abs(float(found.tension[k, j]) / top - 1) < 2e-6, (k, j)
+            assert abs(float(found.sag[k, j]) / sag - 1) < 2e-6, (k, j)
+
+
 @pytest.mark.slow
 def test_limits_after_stretch_and_the_governing_one():
     drake = jc.catalogue.conductor("Drake")

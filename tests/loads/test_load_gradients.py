@@ -147,7 +147,7 @@ CASES = {
 STEPS = {"net": 50.0, "mast": 10.0, "frame": 1.0, "membrane": 25.0}  # where no other size is given
 
 
-@pytest.mark.slow_cases("net", "frame")
+@pytest.mark.slow_cases("net", "frame", "membrane")
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives(name):
     function, p, sizes = CASES[name]

@@ -169,6 +169,7 @@ def elastica(pressure, per):
     return -y[0], -y[1], y[3]
 
 
+@pytest.mark.slow
 def test_cantilever_under_a_pressure_that_follows():
     """A tip that turns by 56 degrees, of the fourth order, moments included.
 

@@ -1,6 +1,7 @@
 """Masts in files and on the command line."""
 
 import json
+import types
 
 import jax
 import numpy as np
@@ -49,6 +50,55 @@ def test_a_mast_goes_to_json_and_back(tmp_path):
         np.testing.assert_array_equal(one, other)
     assert list(job.directions) == [0, 90] and list(job.states) == ["wind", "ice", "own"]
     assert job.mast.guys[0].tension[0] == 15e3 and job.mast.ancillaries[0].name == "dish"
+
+
+TABLES = {
+    "sections": "top,profile,sides,width,panel,leg,diagonal,EA,EI,GJ,weight,drag_area\n"
+    "12,CHS 168.3x6.3,,,,,,,,,,\n20,,3,0.5,0.5,0.03,0.012,,,,,\n"
+    "24,,,,,,,3e8,4e6,2e6,200,0.2\n",
+    "guys": "height,radius,azimuths,cable,EA,weight,diameter,strength,tension,arm\n"
+    "12,9,0 120 240,Galfan spiral strand 12,,,,,,\n"
+    "22,14 14 15,0 120 240,,16e6,8,0.012,15e4,15e3,0.3\n",
+    "ancillaries": "name,height,drag_area,weight,offset\ndish,21,0.8,300,0.5\n",
+    "states": "state,standard,velocity,terrain,scaling,exposure,ice\n"
+    "wind,EN 1993-3-1,22,III,3.0,,\nice,TIA-222,20,,,B,0.01\n",
+}
+
+
+def tabulated(folder, **changed):
+    """The tables of the mast in a folder, by the arguments of `load_mast`, with other contents."""
+    for name, text in (TABLES | changed).items():
+        (folder / f"{name}.csv").write_text(text)
+    names = ("guys", "ancillaries", "states")
+    return {"path": folder / "sections.csv"} | {name: folder / f"{name}.csv" for name in names}
+
+
+def test_tables_become_the_mast_of_the_json_file(tmp_path):
+    states = {name: MAST["states"][name] for name in ("wind", "ice")}
+    job = jc.masts.load_mast(written(tmp_path, states=states))
+    tables = tabulated(tmp_path)
+    beside = written(tmp_path, **{key: f"{key}.csv" for key in TABLES})  # JSON that names them
+    for own in (jc.masts.load_mast(beside), jc.masts.load_mast(**tables)):
+        mast = jc.replace(own.mast, element_length=8, layout=job.mast.layout)
+        assert jax.tree.structure((job.mast, job.states)) == jax.tree.structure((mast, own.states))
+        pairs = jax.tree.leaves(job[:2]), jax.tree.leaves((mast, own.states))
+        for one, other in zip(*pairs, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("table", "old", "new", "text"),
+    [
+        ("states", "ice,TIA", "wind,TIA", "states.csv: line 3: state: expected a name of its own"),
+        ("states", "TIA-222", "TIA", "states.csv: line 3: standard: expected one of"),
+        ("guys", "120 240,,", "x 240,,", "guys.csv: line 3: azimuths: 'x' is not a number"),
+        ("sections", "12,CHS", "x,CHS", "sections.csv: line 2: top: 'x' is not a number"),
+    ],
+)
+def test_wrong_tables_are_refused(tmp_path, table, old, new, text):
+    with pytest.raises(FileError) as caught:
+        jc.masts.load_mast(**tabulated(tmp_path, **{table: TABLES[table].replace(old, new)}))
+    assert text in str(caught.value)
 
 
 REFUSED = {
@@ -100,6 +150,16 @@ CALLS = {
         lambda part, level: jc.masts.lattice_section(9.0, 3, 0.9, 0.9, leg=60.0, diagonal=20.0),
         "solidity",
     ),
+    "leg": (
+        lambda part, level: jc.masts.lattice_section(9.0, 3, 0.9, 0.9, leg=-0.06, diagonal=0.02),
+        "leg = -0.06: must be positive",
+    ),
+    "share": (
+        lambda part, level: jc.masts.guy_level(
+            9.0, 8.0, [0, 120, 240], "Galfan spiral strand 12", 0.1, tension=1e4
+        ),
+        "share, tension: give one of them",
+    ),
     "arms": (
         lambda part, level: jc.masts.GuyLevel(9, 8, [0, 90], 1e6, 9, 1, 1e5, 1e4, 0, None, [1, 2]),
         "arm_azimuths: there is no arm",
@@ -108,6 +168,10 @@ CALLS = {
     "frequency": (
         lambda part, level: jc.masts.tension_from_frequency(mast_of(part, level), 3, 2.0),
         "there are guys 0 to 2",
+    ),
+    "fast": (
+        lambda part, level: jc.masts.tension_from_frequency(mast_of(part, level), 0, 3.1e6),
+        "frequency = 3100000.0 Hz: of a tension of 1.444e+16 N, above the strength of guy 0",
     ),
     "measured": (
         lambda part, level: jc.masts.retension(mast_of(part, level), [1e4, -1e4, 1e4]),
@@ -126,6 +190,29 @@ def test_wrong_numbers_are_refused(name):
     with pytest.raises(ValueError) as caught:
         call(part, level)
     assert text in str(caught.value)
+
+
+def test_thick_ice_is_warned_of():
+    with pytest.warns(jc.InputWarning, match=r"ice = 20: more than 0\.3 m; it is in meters"):
+        jc.masts.tia_state(30.0, ice=10.0)
+
+
+@pytest.mark.parametrize(("status", "holds", "code"), [(0, True, 0), (1, True, 1), (0, False, 3)])
+def test_exit_status_tells_failed_analyses_and_masts_that_do_not_hold(
+    tmp_path, monkeypatch, capsys, status, holds, code
+):
+    def report():
+        return jc.reporting.Report(status, ("a sentence",), {})
+
+    study = types.SimpleNamespace(status=status, holds=holds, report=report)
+    monkeypatch.setattr("jaxcable.masts.study_mast", lambda job: study)
+    tables = {key: str(path) for key, path in tabulated(tmp_path).items()}
+    words = ["mast", tables.pop("path")]
+    for key, path in tables.items():
+        words += [f"--{key}", path]
+    assert main(words) == code
+    out, err = capsys.readouterr()
+    assert "a sentence" in out and ("the mast does not hold" in err) == (code == 3)
 
 
 @pytest.mark.slow

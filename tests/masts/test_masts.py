@@ -98,7 +98,10 @@ def rod_of(mast, found, pressure, ice, direction, lost=()):
 
 
 def compare(mast, rod, forces, direction, tolerance):
-    """Solve a rod from the forces on the base, and compare displacements, moments and tensions."""
+    """Solve a rod from the forces on the base, and compare displacements, moments and tensions.
+
+    Returns the largest differences of displacements and moments, over the largest of these.
+    """
     c, s, _ = towards(direction)
     along, across, down = forces.base
     base = [along * c - across * s, along * s + across * c, -down]
@@ -107,19 +110,23 @@ def compare(mast, rod, forces, direction, tolerance):
     _, records = rod.solve(np.array([*base, *tilt, forces.base_moment[2]]))
     heights = np.asarray(mast.node_heights())
     largest = np.abs(forces.displacement).max(), np.abs(forces.moment).max()
+    errors = []
     for height, state in records[1:]:
         node = int(np.argmin(np.abs(heights - height)))
         u, m = state[:3] - [0.0, 0.0, height], state[15:18]
         own = [u[0] * c + u[1] * s, u[1] * c - u[0] * s, u[2]]
-        assert np.abs(own - forces.displacement[node]).max() < tolerance * largest[0]
         # moment of the part above, as bending in the planes along and across the wind
         bending = [-m[1] * c + m[0] * s, m[1] * s + m[0] * c]
-        assert np.abs(bending - forces.moment[node - 1, 2]).max() < tolerance * largest[1]
+        pairs = (own, forces.displacement[node]), (bending, forces.moment[node - 1, 2])
+        errors.append([np.abs(np.subtract(*pair)).max() for pair in pairs])
+    errors = np.max(errors, axis=0) / largest
+    assert (errors < tolerance).all()
     there = [k for k, t in enumerate(forces.tensions[:, 0]) if t > 0]
     assert len(there) == len(rod.guys)
     for k, first, guy in zip(there, rod.pulls, rod.guys, strict=True):
         ends = [np.linalg.norm(first), np.linalg.norm(first - guy[2] * guy[4])]
         np.testing.assert_allclose(forces.tensions[k], ends, rtol=tolerance)
+    return errors
 
 
 def test_guys_have_their_tensions_at_the_anchors():
@@ -133,26 +140,34 @@ def test_guys_have_their_tensions_at_the_anchors():
 
 
 def test_mast_is_a_rod_on_catenaries():
-    """Beams of 4 m against the differential equation: 5e-4, the error of the beam elements."""
+    """Beams of 4 m against the differential equation: to 4e-5, of 1 m to 5e-7."""
     rod = rod_of(built().mast, built(), 700.0, 0.01, 40.0)
-    compare(built().mast, rod, case(analysed(), 0, 0, 0), 40.0, 5e-4)
+    compare(built().mast, rod, case(analysed(), 0, 0, 0), 40.0, 1e-4)
 
 
 @pytest.mark.slow
 def test_lattice_mast_of_three_levels_is_a_rod_on_catenaries():
-    """Shear of the lattice, two sections, guys of two sizes."""
+    """Shear of the lattice, two sections, guys of two sizes: elements of second order.
+
+    What is left, 1.5e-6 of the largest moment with elements of 2 m, is their error: with 1 m it is
+    a quarter.
+    """
     parts = [
         jc.masts.lattice_section(z, 3, 0.8, 0.8, leg=d, diagonal=0.02, more_weight=100.0)
         for z, d in ((30.0, 0.05), (62.0, 0.04))
     ]
     guys = [jc.masts.guy_level(h, r, AZIMUTHS, CABLE) for h, r in ((20, 25), (40, 25), (58, 40))]
     top = jc.masts.Ancillary(60.0, drag_area=2.0, weight=1500.0)
-    mast = jc.masts.GuyedMast(parts, guys, [top], element_length=2.0)
-    found = jc.masts.erect(mast)
     state = jc.masts.MastState(jc.WindTable(pressures=700.0), ice=0.01, weight_factor=1.1)
-    results = jc.masts.analyse(found, {"wind": state}, [40.0])
-    assert (np.asarray(results.status) == jc.status.OK).all()
-    compare(mast, rod_of(mast, found, 700.0, 0.01, 40.0), case(results, 0, 0, 0), 40.0, 3e-5)
+    errors = []
+    for length in (2.0, 1.0):
+        mast = jc.masts.GuyedMast(parts, guys, [top], element_length=length)
+        found = jc.masts.erect(mast)
+        results = jc.masts.analyse(found, {"wind": state}, [40.0])
+        assert (np.asarray(results.status) == jc.status.OK).all()
+        rod = rod_of(mast, found, 700.0, 0.01, 40.0)
+        errors.append(compare(mast, rod, case(results, 0, 0, 0), 40.0, 3e-6))
+    np.testing.assert_allclose(errors[0] / errors[1], 4.0, rtol=0.2)
 
 
 @pytest.mark.slow
@@ -301,6 +316,17 @@ def test_study_says_what_does_not_hold(monkeypatch):
         with pytest.warns(jc.InputWarning, match=text):
             study = jc.masts.study_mast(study_of(found).job)
         assert text in study.report().summary[2] and "'ice' (" in study.report().summary[2]
+        assert not study.holds
+    assert study_of(analysed()).holds
+    column = study_of(analysed()).report().tables["guys"].columns.index("smallest")
+    assert min(row[column] for row in study_of(analysed()).report().tables["guys"].rows) > 0
+    mean = analysed().forces.tensions[:, :, :1]  # forty times the effects of gusts
+    tensions = mean + 40 * (analysed().forces.tensions - mean)
+    slack = jc.replace(analysed(), forces=jc.replace(analysed().forces, tensions=tensions))
+    table = study_of(slack).report().tables["guys"]
+    assert min(row[column] for row in table.rows) < 0 and "the guy goes slack" in table.notes[-1]
+    unstable = jc.replace(analysed(), stable=np.zeros_like(analysed().stable))
+    assert not study_of(unstable).holds
 
 
 @pytest.mark.slow
@@ -356,6 +382,7 @@ def test_patches_and_ice_of_standards():
     coefficient = 2.01 * (np.clip(z, 4.57, 274.32) / 274.32) ** (2 / 9.5)
     coefficient = np.maximum(coefficient, 0.85)
     np.testing.assert_allclose(state.wind.pressure_at(z), 0.613 * coefficient * 1600.0, rtol=1e-6)
+    assert state.wind.describe().endswith("m/s at 274.32 m")
     growth = np.minimum((z / 10.0) ** 0.1, 1.4)
     np.testing.assert_allclose(state.ice_at(z), 0.02 * growth, rtol=1e-12)
     state = jc.masts.eurocode_state(25.0, "III", scaling=3.0)

@@ -39,6 +39,7 @@ def test_solvers_ask_the_system_for_all_forces():
     assert found == {"convergence"}
 
 
+@pytest.mark.slow
 @pytest.mark.slow_cases("paired0")
 @pytest.mark.parametrize("paired", [(), (True,)])
 def test_a_sparse_tangent_has_places_for_inertia(paired):

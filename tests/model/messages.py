@@ -572,7 +572,7 @@ solve(net(elements={"net": HANGING}), Phase(built_sag={"net": 0.1}, loads=push()
 solve(net(elements=HANGING), Phase(horizontal_tension=1e-30, loads=SelfWeight()))
     # phases[0].horizontal_tension[0] = 1e-30: the cable would be 2.9e+29 times as long as its
 stated(ROPES, clamped={"rope": [1, 0, 0]})
-    # phases[0].clamped['rope']: expected one number, or shape (1, 2) with ... got shape (3,)
+    # phases[0].clamped['rope']: expected one number, or shape (1, 2) or (2,) ... got shape (3,)
 stated(ROPES, clamped={"rope": [[1], [0]]})  # phases[0].clamped['rope']: ... got shape (2, 1)
 stated(ROPES, clamped={"rope": [1, 0.5]})  # phases[0].clamped['rope'][0, 1] = 0.5: a clamp is open
 stated(ROPES, clamped={"net": 1})
@@ -861,8 +861,8 @@ envelope(3.0)  # values: expected arrays with the cases
 envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
 checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
-checked("EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
-checked([5])  # rules[0]: expected a check, or the
+checked("EN 1993-1-1")  # rules: expected EN 1993-1-11 or ASCE 19 (cables), or a check
+checked([5])  # rules[0]: expected EN 1993-1-11 or ASCE 19
 checked()  # cable resistance: no group of the structure has cables with a
 checked(CableResistance("net"))  # cable resistance: elements of 'net' have no strength
 checked(TensionLimit(lower=1.0, elements="nett"))

@@ -4,6 +4,7 @@ A row has a good and a bad number for one rule. Known, the bad one is a ValueErr
 message; traced, it is a status or NaN, while the good one passes both ways.
 """
 
+import functools
 import re
 
 import jax
@@ -23,6 +24,8 @@ NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])
 LINKS = np.array([[0, 1], [1, 2]])
 JOINED = np.array([[1.0], [0.0], [1.0]])
 """Times nodes: the first link has no length."""
+FLAT = np.array([[1.0, 1.0, 0.0]])
+"""Times nodes: they are on a straight line."""
 PULL = jc.NodalLoads([1], (0.0, 0.0, 1.0))
 DISC = jc.Section.disc(0.1, jc.Elastic(2e11), shape=(2, 2))
 LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
@@ -353,7 +356,10 @@ def limited(v, **others):
     return own.evaluate(None, None)["utilization"]
 
 
-STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
+@functools.cache
+def stressed():
+    """A net with a pretension, solved when a row asks for it."""
+    return jc.solve(net(), jc.Phase(pretension=1.0))
 
 
 def read(table):
@@ -404,15 +410,18 @@ lambda v: code(net(NODES * v, jc.SlidingCables, [[0, 1, 2]])), 1.0, JOINED
 ## elements/friction_cables.py
 rubbed("radius"), 0.01, -1.0  # radius: radius... = -1.0: must not be negative
 ## elements/cable_path.py
+lambda v: code(net(NODES * v, jc.FrictionCables, [[0, 1, 2]], radius=0.01)), 1.0, FLAT
+    # radius: radius...the polygon of the nodes is straight there
 rubbed("axis", radius=0.01), (0.0, 1.0, 0.3), (0.0, 0.0, 0.0)  # radius: radius...`axis` is zero
+rubbed("axis", radius=0.01), (0.0, 1.0, 0.3), (0.0, -1.0, 0.3)  # radius: ...turns against `axis`
 rubbed("radius"), 0.01, 100.0  # radius: radius... = 100.0: must not be larger than half
 ## elements/friction.py
 rubbed("friction"),  # rules: friction... = -1.0: must not be negative
 rubbed("axle_friction"), 0.1, 1.0  # axle_friction: axle_friction... = 1.0: must be from 0 to
 softening_over_saddle, [0.0, 2e6, 3e6], [0.0, 2e6, 1e6]
     # law: law...softens; a cable with friction
-clamped_over_saddle, 1.0, 0.5  # open_or_closed: ...clamped... = 0.5: a clamp is open, 0, or
-stressed_over_saddle, [1.0, 1.0], [0.0, 0.0]  # stressed_or_not: ...stressed_ends...at least one is
+clamped_over_saddle, 1.0, 0.5  # clamp_rule: ...clamped... = 0.5: a clamp is open, 0, or
+stressed_over_saddle, [1.0, 1.0], [0.0, 0.0]  # stressed_ends_rule: ...stressed_ends...at least one
 ## model/structure.py
 lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
 ## materials/elastic.py
@@ -620,13 +629,13 @@ lambda v: design.propagate_tolerances(jnp.eye(2), v)[0], [1.0, 1.0], [1.0, -1.0]
 lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients,
     AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
 ## design/objectives.py
-lambda v: design.material_use(STRESSED, v),  # material_use: ...stress = -1.0
-lambda v: design.material_use(STRESSED, v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+lambda v: design.material_use(stressed(), v),  # material_use: ...stress = -1.0
+lambda v: design.material_use(stressed(), v), 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 ## design/limit_checks.py
 lambda v: limited({"upper": v}),  # _validate_limits: own: upper = -1.0: expected a positive limit
 lambda v: limited({"lower": v}, upper=2.0), 1.0, 3.0
     # _validate_limits: own: lower = 3.0: expected below upper = 2.0
-lambda v: design.TensionLimit(lower=v).evaluate(net(), STRESSED)["utilization"], 1.0, 0.0
+lambda v: design.TensionLimit(lower=v).evaluate(net(), stressed())["utilization"], 1.0, 0.0
     # __post_init__: tension that remains: lower = 0.0: expected a positive tension
 ## standards/cables.py
 lambda v: jc.standards.cables.cable_resistance(v), 1.0, 0.0
@@ -674,7 +683,7 @@ OTHERWISE = {
     "dynamics/modes.py:_without_massless_modes": "no rule: how many modes have mass",
     "dynamics/modes.py:modes": "NaN where it is traced: an unsymmetric tangent",
     "dynamics/mode_warnings.py:warn_of_modes_within_spans": "no rule: a warning",
-    "dynamics/mode_warnings.py:warn_of_loose_nodes": "no rule: a warning",
+    "dynamics/mode_warnings.py:warn_of_nodes_without_stiffness": "no rule: a warning",
     "dynamics/mode_warnings.py:warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
@@ -694,15 +703,15 @@ OTHERWISE = {
     "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
     "dynamics/transient.py:__post_init__": "traced times of a removal are refused",
     "dynamics/motion_checks.py:step_of_removal": "traced times of a removal are refused",
-    "dynamics/motion_checks.py:removed_elements": "traced masks: what is gone has no force",
-    "dynamics/motion_checks.py:velocity_of_free_nodes": "NaN where it is traced",
+    "dynamics/motion_checks.py:removal_masks": "traced masks: what is gone has no force",
+    "dynamics/motion_checks.py:initial_velocity": "NaN where it is traced",
     "dynamics/motion_checks.py:require_mass": "traced: without mass accelerations are not finite",
     "dynamics/motion_checks.py:require_finite": "no rule: NaN gives NaN",
-    "dynamics/damping.py:warn_of_large_ratios": "no rule: a warning",
+    "dynamics/damping.py:warn_of_large_damping_ratios": "no rule: a warning",
     "dynamics/mode_warnings.py:warn_of_freed_supports": "no rule: a warning",
     "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
     "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
-    "dynamics/load_histories.py:loaded_nodes": "traced mean forces are refused",
+    "dynamics/load_histories.py:nodes_with_mean_force": "traced mean forces are refused",
     "dynamics/load_histories.py:wind_velocities": "NaN where it is traced: frequencies of no steps",
     "analysis/solution.py:state_to_look_at": "no rule: whether an analysis is known to have failed",
 }

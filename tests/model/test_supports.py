@@ -121,6 +121,7 @@ def test_a_bracket_of_a_guy():
     assert np.abs(turning).max() < 1e-8 * 6e3 * 3.0
 
 
+@pytest.mark.slow
 def test_a_cable_about_to_slacken_at_a_carried_node_has_no_derivative():
     """It moves with its carrier: the derivative of one side only would be silently wrong."""
     arms = bracket(np.array([0.4, 0.2, 0.1]))

@@ -3,6 +3,12 @@
 Written apart from the package, in NumPy and SciPy: a rod with axial, shear, bending and torsional
 stiffness (Antman's theory), whose equations are integrated from the base upwards; at guys its force
 jumps by the force of an elastic catenary, whose shape is a quadrature of its tension vector.
+
+Shear is that of Engesser, for lattice and built-up columns (EN 1993-1-1, 6.4): the shear force is
+normal to the axis, not in the cross-section. By the energy per length ``(EA e^2 + GA g^2) / 2`` of
+the strain e, and of the angle g between the axis and the normal of the cross-section, the shear
+force is ``GA g / (1 + e)``. In the cross-section (Reissner, Haringx) it would bend a lattice mast
+otherwise, at any length of elements: by some P / GA of what is due to shear.
 """
 
 import numpy as np
@@ -57,7 +63,13 @@ class RodMast:
         rotation, n, m = state[3:12].reshape(3, 3), state[12:15], state[15:18]
         _, EA, EI, GJ, GA = section
         own_n, own_m = rotation.T @ n, rotation.T @ m
-        strain = np.array([own_n[0] / GA, own_n[1] / GA, 1 + own_n[2] / EA])
+        axis = np.array([0.0, 0.0, 1.0])
+        for _ in range(8):  # angles of some 1e-4: each round gains four digits
+            stretch = 1 + own_n @ axis / EA
+            angle = stretch / GA * (own_n - own_n @ axis * axis)
+            axis = np.array([angle[0], angle[1], 1.0])
+            axis /= np.linalg.norm(axis)
+        strain = stretch * axis
         curvature = np.array([own_m[0] / EI, own_m[1] / EI, own_m[2] / GJ])
         along = rotation @ strain
         turned = rotation @ cross(curvature)

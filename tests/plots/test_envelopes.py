@@ -147,6 +147,7 @@ def mast():
     return jc.design.envelope(UPRIGHT, solutions, NAMES)
 
 
+@pytest.mark.slow
 def test_a_mast_is_seen_where_its_moments_are_in_their_true_length(mast):
     figure = jc.plots.envelope_diagram(UPRIGHT, mast, "Mz")
     (axes,) = figure.axes
@@ -161,6 +162,7 @@ def test_a_mast_is_seen_where_its_moments_are_in_their_true_length(mast):
     assert jc.plots.envelope_diagram(UPRIGHT, mast, "Mz", view="space").axes[0].name == "3d"
 
 
+@pytest.mark.slow
 def test_a_moment_of_rounding_is_zero(mast):
     """My of a mast that bends about z only."""
     figure = jc.plots.envelope_diagram(UPRIGHT, mast, "My")
@@ -182,6 +184,7 @@ def test_what_cannot_be_drawn_is_refused(solved):
             jc.plots.envelope_diagram(STRUCTURE, given, **options)
 
 
+@pytest.mark.slow
 def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
     solutions, _ = solved
     begin = jc.solve(STRUCTURE, START)

@@ -39,6 +39,7 @@ def test_segments_have_their_own_colors(stay):
     assert value == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_slack_segment_is_dashed():
     """A rope clamped to a bar, one end of which is let go."""
     nodes = [[-3.0, 0, 0], [0.0, 0, 0], [3.0, 0, -1.0]]

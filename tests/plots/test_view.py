@@ -108,6 +108,7 @@ def test_beams_are_bent_as_their_ends_turn():
     np.testing.assert_allclose(arrays["axes"][0, 0], [[0, 1, 0], [0, 0, 1]], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_diagrams_of_beams_that_turn_far():
     structure, _, solution = solved(*scenes.toggle_frame())
     _, arrays = shown(solution, structure)

@@ -1,6 +1,5 @@
 """Programs outside of `jit`: the same by NumPy and by XLA, and when which of them runs."""
 
-import gc
 import signal
 import threading
 import time
@@ -313,7 +312,7 @@ def plain_number(x, a):
     [
         lambda f: jax.grad(f, (0, 1))(X, A),
         lambda f: jax.jvp(f, (X, A), (np.ones(3), 1.0)),
-        lambda f: jax.hessian(f)(X, A),
+        pytest.param(lambda f: jax.hessian(f)(X, A), marks=SLOW),
         lambda f: jax.jacfwd(jax.grad(f, 1))(X, A),
         lambda f: jax.vmap(jax.grad(f), (0, None))(np.stack([X, 2 * X]), A),
         lambda f: jax.vmap(jax.vmap(f, (None, 0)), (0, None))(np.stack([X, 2 * X]), np.ones(4)),
@@ -417,7 +416,7 @@ def test_what_was_heard_is_not_heard_again(compilations):
         lambda f: jax.vmap(jax.grad(lambda x: f(x).sum()))(np.stack([X, X])),
     ],
 )
-def test_programs_of_functions_that_are_gone_are_gone(use):
+def test_programs_of_functions_that_are_gone_are_gone(use, collect_young):
     def function(x):
         return jnp.sin(x) * x
 
@@ -425,5 +424,5 @@ def test_programs_of_functions_that_are_gone_are_gone(use):
     use(program)
     seen = weakref.ref(function)
     del function, program
-    gc.collect()
+    collect_young()
     assert seen() is None

@@ -65,8 +65,8 @@ def test_no_output_or_page_has_a_path_of_a_machine():
     assert {name: some for name, some in found.items() if some} == {}
 
 
-def test_there_are_ten():
-    assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 11)]
+def test_there_are_eleven():
+    assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 12)]
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: p.stem)

@@ -45,6 +45,27 @@ def test_clamps_have_a_table():
     assert rows[:2] == [("node 1", float(forces[0, 0])), ("node 2", 0.0)]
 
 
+def test_what_cables_and_phases_state_is_listed_by_nodes():
+    """One saddle: its results name the node, too; the table of properties has what friction has."""
+    nodes = [[-8.0, 0, 0], [0, 0, 6], [9, 0, 0], [9, 0, 2]]
+    stay = jc.FrictionCables(
+        [[0, 1, 2]], axial_stiffness=2e7, friction=0.2, wobble=1e-3, radius=1.5, axis=(0, 1, 0)
+    )
+    tendon = jc.FrictionCables([[0, 3, 1, 2]], axial_stiffness=2e7, axle_friction=[0.1, 0.2])
+    springs = jc.Springs([1, 3], (1e8, 1e8, 1e8))
+    groups = {"stay": stay, "tendon": tendon, "springs": springs}
+    structure = jc.Structure(nodes, groups, jc.pinned([0, 2]))
+    phase = jc.Phase(pretension={"stay": 1e5, "tendon": 1e5}, clamped={"tendon": [0, 1]})
+    made = jc.report(structure, converged(jc.solve(structure, phase)), [phase], model=True)
+    also = dict(columns(made.tables["properties"], "group", "also"))
+    assert also["stay"] == "friction 0.2; wobble 0.001 1/m; radius 1.5 m; axis (0, 1, 0)"
+    assert also["tendon"] == "axle friction 0.1 to 0.2"
+    texts = [text for (text,) in columns(made.tables["phases"], "text")]
+    assert "clamped at 1, open at 3 (nodes) on tendon" in texts
+    arc = columns(made.tables["contact_arc"], "group", "place")
+    assert arc == [("stay", "node 1")]
+
+
 def test_hanging_segments_have_sags_and_end_tensions():
     structure, solution = hung_lines.solved()
     made = jc.report(structure, solution)

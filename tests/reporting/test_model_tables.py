@@ -70,6 +70,7 @@ def test_the_report_says_what_was_analysed(written, tmp_path, capsys):
     assert tables["phases"]["rows"][1][3] == "jacking 20 kN on stays (element 1 of 3)"
 
 
+@pytest.mark.slow
 def test_supports_have_their_directions():
     skew = jc.replace(BRIDGE, supports=AFTER)
     solved = converged(jc.solve(skew, PHASES["stays"]))

@@ -99,6 +99,7 @@ def test_extremes_between_places_where_axial_forces_bend(share):
     assert (stress["at "], stress["z "]) == (0.0, pytest.approx(HEIGHT / 2))
 
 
+@pytest.mark.slow
 def test_a_force_that_is_rounding_has_no_place():
     """A load is taken away again: what is left of its shear has no extreme, its envelope has."""
     group = jc.Beams([[0, 1], [1, 2]], section=SECTION)

@@ -300,6 +300,7 @@ def net():
     return structure, phases, converged(jc.solve(structure, phases))
 
 
+@pytest.mark.slow
 def test_of_an_analysis_that_was_started_from_another(net):
     """The same works as in one; without the start it is not the end of these phases."""
     structure, phases, whole = net

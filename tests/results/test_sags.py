@@ -133,6 +133,7 @@ def chain_points(structure, solution):
     return np.concatenate([curves[0], curves[1][::-1], np.linspace(*bar, 11)])
 
 
+@pytest.mark.slow
 def test_a_chain_of_catenaries_and_bars_against_its_points():
     structure, solution = hung_chain((300.0, 200.0, -2e3))
     assert int(solution.status) == 0
@@ -274,6 +275,7 @@ def test_a_kink_has_the_derivative_of_each_side():
     np.testing.assert_allclose(rates, [1.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_absent_and_unloaded_catenaries():
     nodes = [[0.0, 0, 0], [10.0, 0, 0], [20.0, 0, 0]]
     cables = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=EA, weight=WEIGHT)
