@@ -24,7 +24,7 @@ from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from ..programs.program_calls import as_program
 from .phase_results import PhaseResult
-from .results import Results
+from .results import StateResults
 from .solution import Solution, State
 
 _SAMPLES = 16
@@ -215,8 +215,8 @@ def _shapes_by_group(groups, positions, *parts):
     return found
 
 
-def results_of_state(structure: Structure, state: StateOrPhase) -> Results:
-    """Return a state, which has `Results`, after checks.
+def results_of_state(structure: Structure, state: StateOrPhase) -> StateResults:
+    """Return a state, which has `StateResults`, after checks.
 
     Raises:
         ValueError: not a state, or of another structure.

@@ -36,23 +36,23 @@ _MAX_STEPS = 60  # of the directions of segments; 3 to 8 are seen
 
 
 class CablePath(NamedTuple):
-    """Segments of one cable, [n], between its ends and deviators; fillers have no length.
+    """Segments of one cable, [n_segment], between its ends and deviators; fillers have no length.
 
     Attributes:
         along: unit vectors of the straight parts, [n, 3]; zero of fillers.
-        length: of the straight parts and the halves of arcs beside them, [n], m.
-        change: of these lengths since the initial geometry, [n], m.
-        initial_length: lengths in the initial geometry, [n], m.
+        length: of the straight parts and the halves of arcs beside them, [n_segment], m.
+        change: of these lengths since the initial geometry, [n_segment], m.
+        initial_length: lengths in the initial geometry, [n_segment], m.
         angle: by which the cable turns at every deviator, out of the plane of a saddle included,
             [n_deviator], rad.
         contact_angle: of the arc on every saddle, [n_deviator], rad; negative where the cable would
             lift off; None without a radius.
     """
 
-    along: Float[Array, "n 3"]
-    length: Float[Array, " n"]
-    change: Float[Array, " n"]
-    initial_length: Float[Array, " n"]
+    along: Float[Array, "n_segment 3"]
+    length: Float[Array, " n_segment"]
+    change: Float[Array, " n_segment"]
+    initial_length: Float[Array, " n_segment"]
     angle: Float[Array, " n_deviator"]
     contact_angle: Float[Array, " n_deviator"] | None = None
 

@@ -314,7 +314,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         segments = StraightSegments(self, path.length, elongation, bound, clamped, jack)
         return segments, segment_tensions(segments)
 
-    def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n"]:
+    def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n_segment"]:
         """Return present less unstressed lengths of segments if nothing slips now, [n], m."""
         change, before = path.change, path.initial_length
         slip = jnp.pad(state.memory * state.thermal_stretch_or_one, 1)
@@ -325,13 +325,15 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return elongation.at[0].add(-fed[0]) - jnp.where(is_last_segment(before), fed[1], 0.0)
 
     def closed_clamps(
-        self, state: OwnState, length: Float[Array, " n"]
+        self, state: OwnState, length: Float[Array, " n_segment"]
     ) -> Bool[Array, " n_deviator"]:
-        """Return at which deviators one cable is clamped; `length` is of its segments, [n], m."""
+        """Return at which deviators one cable is clamped; `length` is that of its segments, m."""
         return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
 
-    def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
+    def segment_tension(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_segment"]:
+        """Return the tension of every segment of one cable, [n_segment], N; 0 for fillers."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         return jnp.where(segments.length > 0, found.tension, 0.0)
 

@@ -311,7 +311,7 @@ def solve_increments(
         factored: last factored matrix.
     """
     begun = ramp.initial_system()
-    x = first = begun.with_low_order_part(x)
+    x = first = begun.with_zero_low_order_part(x)
     largest_added = ramp.largest_added_load(begun, increments[0]) if ramp.has_amplitudes else None
 
     def solve_increment(carry, increment):

@@ -122,12 +122,12 @@ def _spectrum_of_unsymmetric(matrix, sure):
         number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = host_calls.call_on_host([make_eigenvalue_counter], shapes, matrix, sure)
+        number, sign = host_calls.call_on_host([make_negative_counter], shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
 @host_calls.register_host_function_family
-def make_eigenvalue_counter():
+def make_negative_counter():
     """Return the NumPy function that counts negative eigenvalues of dense unsymmetric matrices."""
     return _count_negative_eigenvalues
 

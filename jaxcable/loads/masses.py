@@ -96,7 +96,10 @@ class PointMasses(OnNodes):
         return self.nodes, self._weights()
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape` (n, 3 or 6)."""
+        """Return the weights ``mass gravity direction``, N, of all nodes, and no moments.
+
+        `shape` is that of the result, (n_node, 3 or 6).
+        """
         return scatter_to_nodes(self.nodes, (self._weights(), None), shape, dtype)
 
     def _weights(self):

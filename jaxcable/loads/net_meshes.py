@@ -103,7 +103,7 @@ def net_faces(
             plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing]
         )
         if lines:
-            _require_uncrossed_lines(plan, lines, edges)
+            _require_uncrossed_border_lines(plan, lines, edges)
             closed, rings = rings, _trace_rings(plan, edges | lines)
             if border is None:
                 _warn_of_open_border(plan, lines, closed, rings, nothing)
@@ -330,10 +330,11 @@ def _convex_hull(plan, nodes):
     return half(ordered) + half(ordered[::-1])[1:]
 
 
-def _require_uncrossed_lines(plan, lines, edges):
-    """Raise ValueError if a line between free ends crosses a link or another such line.
+def _require_uncrossed_border_lines(plan, lines, edges):
+    """Raise ValueError if a line of the border crosses a link or another such line.
 
-    `lines` and `edges` are sets of sorted pairs of nodes, `plan` has positions, [n_node, 2].
+    They join free ends; crossings of two links are not looked for here. `lines` and `edges` are
+    sets of sorted pairs of nodes, `plan` has positions, [n_node, 2].
     """
     links = np.array(sorted(edges | lines))
 

@@ -22,7 +22,7 @@ def point_rules(
         Rule("strain", strain, lambda e: e[1:] <= e[:-1], _strain_order_message),
         Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _origin_outside_message),
         Rule("stress", values, _misses_origin, _missed_origin_message),
-        Rule("stress", values, _flat_segments_at_origin, _origin_slope_message),
+        Rule("stress", values, _segments_not_rising_at_origin, _origin_slope_message),
         Rule("stress", values, lambda e, s: s * e < 0, _stress_sign_message),
     ]
     if unloading == "elastic":
@@ -101,8 +101,8 @@ def _missed_origin_message(_, e, s):
     return f"stress: the curve has {value:.6g} Pa at zero strain; it must pass the origin"
 
 
-def _flat_segments_at_origin(e, s):
-    """Return which segments begin or end at the origin and do not rise, [n - 1] bool."""
+def _segments_not_rising_at_origin(e, s):
+    """Return which segments at the origin, or over it, are level or fall, [n - 1] bool."""
     return (e[:-1] <= 0) & (e[1:] >= 0) & (_segment_slopes(e, s) <= 0)
 
 

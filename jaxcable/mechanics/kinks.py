@@ -158,12 +158,14 @@ def _elements_with_faint_tension(system, x, places):
 def _elements_that_can_slacken(system, x, counted, places):
     """Return which of the `counted` elements of the groups `places` slacken as loose nodes move.
 
+    The result, like `counted`, is a list with [n_elem] bool for each of these groups.
+
     Loose nodes have only slack and counted elements. Either there is a movement of them that
-    shortens all counted elements that end there, or these can be stressed against each other
-    (Gordan's theorem): then none is released. The movement is the point next to zero of the convex
-    hull of the forces that the elements exert on the nodes, found by pairwise steps of Frank and
-    Wolfe (S. Lacoste-Julien and M. Jaggi, NIPS 28, 2015), which get near it also where forces are
-    nearly opposite.
+    unloads all counted elements that end there (shortens cables, lengthens contacts), or these can
+    be stressed against each other (Gordan's theorem): then none is released. The movement is the
+    point next to zero of the convex hull of the forces that the elements exert on the nodes, found
+    by pairwise steps of Frank and Wolfe (S. Lacoste-Julien and M. Jaggi, NIPS 28, 2015), which get
+    near it also where forces are nearly opposite.
     """
     idle = system.slack(x)
     for k, own in zip(places, counted, strict=True):

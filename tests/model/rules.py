@@ -696,7 +696,7 @@ OTHERWISE = {
     "design/load_cases.py:_warn_of_unstable_cases": "a warning",
     "forms/input_checks.py:warn_of_hanging_elements": "a warning",
     "materials/presets.py:_warn_of_weak_material": "a warning",
-    "stiffness/buckling.py:_no_slack_conditions": "NaN where it is traced",
+    "stiffness/buckling.py:_pairs_that_forbid_slack": "NaN where it is traced",
     "dynamics/transient.py:__post_init__": "traced times of a removal are refused",
     "dynamics/motion_checks.py:step_of_removal": "traced times of a removal are refused",
     "dynamics/motion_checks.py:removal_masks": "traced masks: what is gone has no force",
@@ -709,6 +709,6 @@ OTHERWISE = {
     "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
     "dynamics/load_histories.py:nodes_with_mean_force": "traced mean forces are refused",
     "dynamics/load_histories.py:wind_velocities": "NaN where it is traced: frequencies of no steps",
-    "analysis/solution.py:state_to_look_at": "no rule: whether an analysis is known to have failed",
+    "analysis/solution.py:last_state_or_nan": "no rule: whether an analysis has failed",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""
