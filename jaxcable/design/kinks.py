@@ -134,9 +134,9 @@ def nearest_kink(
 ) -> PyTree[Float[Array, " ..."]]:
     """Estimate for each cable the factor t at which it goes slack or taut.
 
-    The parameters change as ``params + t direction``, t >= 0.
-    These are kinks of the response: a gradient describes it for t below the smallest of them only.
-    They are estimates to first order: check them with an analysis.
+    The parameters change as ``params + t direction``, t >= 0. Such changes are kinks of the
+    response: a gradient describes it for t below the smallest of them only. They are estimates to
+    first order: check them with an analysis.
 
     Args:
         distance: function of the parameters, for example

@@ -154,7 +154,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group, such as positive lengths, a list."""
+        """Return the rules: stiffness, length, strength positive; weight, springs not negative."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]

@@ -121,7 +121,12 @@ def saddle_rules(
     nodes: Float[ArrayLike, "n_node 3"],
     links: Int[np.ndarray, "n_elem n_end"],
 ) -> list[Rule]:
-    """Return the conditions on saddles with a radius, m, at initial nodes, m: a plane, and room."""
+    """Return the conditions on saddles with a radius, m, at the initial positions `nodes`, m.
+
+    The cable bends there in a plane: that of the nodes, which are not in line; or one normal to
+    `axis`, about which the cable turns. The radius is at most half of the distance to the next
+    node.
+    """
     pack = numpy_or_jax((radius, axis, nodes))
     start = pack.asarray(nodes)[links[:, 1:]] - pack.asarray(nodes)[links[:, :-1]]
 

@@ -143,7 +143,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return floats_per_deviator(getattr(self, name), name, shape)
 
     def rules(self) -> list[Rule]:
-        """Return the rules that numbers of the group must satisfy, those of friction included."""
+        """Return the rules of chains and friction; no law softens, and no radius is negative."""
         radius = Rule("radius", self.radius, lambda v: ~(v >= 0), "must not be negative")
         return [
             *super().rules(),

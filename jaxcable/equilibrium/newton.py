@@ -124,7 +124,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """Return the rules of `tol` and `max_steps`, a list of `Rule`; a NaN breaks them."""
+        """Return the rules 0 < `tol` < 1 and `max_steps` whole, positive; a NaN breaks them."""
         large = "must be below 1: it is relative to the forces, and any state would meet 1"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),

@@ -122,7 +122,7 @@ def make_pair(
 
     Args:
         solver: name of the direct solver; "dense" for a `DensePair`.
-        stored: which entries the pattern has, as of `host.analyse_pattern`.
+        stored: "symmetric" if the pattern has the upper triangle only, else "general".
         pattern: digest, row pointers and column indices.
         n: number of unknowns.
     """

@@ -70,7 +70,7 @@ class PointMasses(OnNodes):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rule that masses are not negative, a list of one `Rule`."""
         return [not_negative("masses", self.masses)]
 
     def check(self, structure: Structure) -> None:

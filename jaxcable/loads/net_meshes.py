@@ -259,7 +259,7 @@ def _find_border_lines(plan, edges, outsides):
         start = int(np.argmax(count[ring] == 1))
         ring = [*ring[start:], *ring[:start]]
         free = count[ring] == 1
-        stops = [*np.flatnonzero(free | _find_corners(plan[ring])), len(ring)]
+        stops = [*np.flatnonzero(free | _is_corner(plan[ring])), len(ring)]
         ring.append(ring[0])
         for first, last in itertools.pairwise(stops):
             way = ring[first : last + 1]
@@ -273,7 +273,7 @@ def _successive_pairs(way):
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
-def _find_corners(places):
+def _is_corner(places):
     """Return which nodes of a clockwise ring are corners, [n] bool; `places` in plan [n, 2].
 
     A corner turns to the right by `CORNER_ANGLE` or more.

@@ -134,7 +134,7 @@ class WindLoads(OnGroups, ForceOnlyLoad, LoadPerGeometry):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rules: directions are not zero; drag, diameter, ice not negative; a list."""
         text = "is zero; give the direction towards which the wind blows, such as (1, 0, 0)"
         return [
             Rule("direction", self.direction, lambda v: (v == 0).all(), text),

@@ -120,7 +120,7 @@ class MastStudy:
         for text, bad in (("no results of", failed), ("not stable:", unstable)):
             if bad.any():
                 k, d, p = np.argwhere(bad)[0]
-                first = f"{_case(found, k, d)}, {found.patches[p]}"
+                first = f"{_describe_case(found, k, d)}, {found.patches[p]}"
                 sentences.append(f"{text} {bad.sum()} cases, the first {first}")
         guys, mast = tables["guys"].rows, tables["mast"].rows
         if guys[0][5] is not None:
@@ -184,7 +184,7 @@ def _overloads(study):
     return found
 
 
-def _case(results, state, direction):
+def _describe_case(results, state, direction):
     """Return a case in words: its state and its direction."""
     return f"state {results.names[state]!r}, wind to {results.directions[direction]:g}"
 
@@ -202,7 +202,7 @@ def _governing(study, values, pick=np.nanargmax):
     """
     flat = np.where(np.isnan(values).all((0, 1)), 0.0, values).reshape(-1, values.shape[-1])
     at = pick(flat, axis=0)
-    cases = [_case(study.results, *divmod(int(k), values.shape[1])) for k in at]
+    cases = [_describe_case(study.results, *divmod(int(k), values.shape[1])) for k in at]
     return values.reshape(flat.shape)[at, np.arange(len(at))].tolist(), cases
 
 

@@ -115,7 +115,7 @@ class Polygonal(Law):
             set_fields(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on its points, such as increasing strains: a list of `Rule`."""
+        """Return the conditions on its points, `point_rules.point_rules`: a list of `Rule`."""
         return point_rules.point_rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve

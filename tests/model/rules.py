@@ -648,7 +648,7 @@ correlated, 0.5, 1.5  # correlation: correlation: must be symmetric and positive
 OTHERWISE = {
     "analysis/absent_elements.py:_is_zero_increment": "traced: it may be other than zero",
     "analysis/absent_elements.py:_warn_of_lost_value": "a warning",
-    "analysis/absent_elements.py:_loaded_elements": "a warning",
+    "analysis/absent_elements.py:_is_loaded": "a warning",
     "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
     "analysis/phase_checks.py:_is_known_to_be_zero": "no rule: whether a load can be left out",
     "loads/groups.py:scatter_to_nodes": "no rule: which library computes",
