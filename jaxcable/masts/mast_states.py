@@ -152,7 +152,7 @@ class MastState:
     def _pressure(self, heights, pattern):
         """Return the pressure at heights, N/m2, in their shape: with gusts where `pattern` is 1.
 
-        There the mean pressure grows by `patch_factor` times what the gusts exceed it by.
+        There it is the mean pressure, plus `patch_factor` times the excess of the peak pressure.
         """
         mean = self.wind.pressure_at(heights)
         if self.gust is None:
