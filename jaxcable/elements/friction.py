@@ -136,7 +136,7 @@ class FrictionCoefficients(NamedTuple):
     wobble: Float[Array, ""] | None
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the coefficients, here of all cables, must satisfy, a list."""
+        """Return the rules: axle friction is from 0 to below 1, the others are not negative."""
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
         axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
         pairs = ("friction", self.friction), ("wobble", self.wobble)

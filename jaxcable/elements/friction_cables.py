@@ -153,7 +153,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         ]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the rules for the initial nodes, m, those of saddles with a radius included."""
+        """Return the rules of chains and `saddle_rules` at initial positions `nodes`, m."""
         found = super().rules_at(nodes)
         if self.radius is None:
             return found

@@ -97,17 +97,17 @@ class SpanLoads:
         return along, way, turn
 
     def clamped_field(
-        self, places: Float[Array, " n"], order: int
-    ) -> tuple[Float[Array, " n"], Float[Array, "n 2"]]:
+        self, places: Float[Array, " n_place"], order: int
+    ) -> tuple[Float[Array, " n_place"], Float[Array, "n_place 2"]]:
         """Return the second field at places, m, or its derivative by the place over the length.
 
         Args:
-            places: from 0 to 1, [n].
+            places: from 0 to 1, [n_place].
             order: 0, or 1 and 2 for derivatives; -1 for its integral from 0.
 
         Returns:
-            The displacement of the neutral axis along the element, [n], and the deflections that
-            are conjugate to moments about y and z, [n, 2].
+            The displacement of the neutral axis along the element, [n_place], and deflections
+            ``(-w_z, w_y)``, as of `field_of_ends`, [n_place, 2].
         """
         s, c, passed = places[:, None], self.places[None], acts_before(self.places, places)
         across, past, before = bending_loads(self.forces), jnp.maximum(s - c, 0.0), 1 - c
