@@ -63,7 +63,7 @@ def refuse_absent_elements(
             for number, (given, (where, group), own) in enumerate(parts):
                 if given is None or _is_zero_increment(name, given):
                     continue
-                wrong = _names_absent_element(label, where, given, group, own)
+                wrong = _concerns_absent_element(label, where, given, group, own)
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
@@ -90,7 +90,7 @@ def warn_of_idle_loads(
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.element_factors or {}
-            is_acting = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
+            is_acting = [presence.present[n][k:] & _is_loaded(part.get(n)) for n in on]
             if not any(np.any(one) for one in is_acting):
                 checks.warn_user(
                     f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
@@ -98,7 +98,7 @@ def warn_of_idle_loads(
                 )
 
 
-def _loaded_elements(factors):
+def _is_loaded(factors):
     """Return which elements have a nonzero load factor, [n_elem] bool.
 
     True, a scalar, if the factors are None (the load acts on all elements) or traced.
@@ -128,7 +128,7 @@ def _warn_if_all_absent(name, label, concerned, there):
         )
 
 
-def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
+def _concerns_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
     """Return whether values `given` for a group concern elements that are not `there`.
 
     ValueError if that is known (not traced).

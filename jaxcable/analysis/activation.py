@@ -168,7 +168,7 @@ def make_activation(
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
-            wrong = _find_contradiction(earlier + k, where, there, adds, removes)
+            wrong = _contradicts_presence(earlier + k, where, there, adds, removes)
             if wrong is not None:
                 sound = jnp.asarray(sound).at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes
@@ -276,7 +276,7 @@ def _masks_of_whole_groups(value, structure, name):
     return found
 
 
-def _find_contradiction(k, where, there, adds, removes):
+def _contradicts_presence(k, where, there, adds, removes):
     """Return whether phase `k` adds what is there, or removes what is not, traced scalar bool.
 
     None if nothing is traced.

@@ -205,10 +205,10 @@ def _with_prestrains(structure, phases, stated, m):
             for group, own in zip(structure.groups, jacked, strict=True)
         ]
         for one in (one for one in stated if one.phase == k):
-            cables = structure.groups[one.group]
+            count = len(structure.groups[one.group].links)
             part = np.arange(at, at + len(one.elements))
             at += len(one.elements)
-            strains[one.group] = _join(strains[one.group], one.elements, m, part, len(cables.links))
+            strains[one.group] = _set_prestrains(strains[one.group], one.elements, m, part, count)
         found[k] = replace(
             phase,
             **dict.fromkeys(AS_BUILT_INPUTS),
@@ -218,10 +218,11 @@ def _with_prestrains(structure, phases, stated, m):
     return found
 
 
-def _join(stated, elements, m, part, count):
-    """Insert strains of `elements`, by the unknowns ``m[part]``, into an input of prestrain.
+def _set_prestrains(stated, elements, m, part, count):
+    """Return the `InputValues` of a prestrain with ``exp(-m[part]) - 1`` at `elements`.
 
-    `stated` has the `InputValues` of the group, of `count` elements, or is None.
+    The unknowns m are ``log(L0 / d)``, of unstressed length and chord. `stated` has the values of
+    the group, of `count` elements, or is None; those of other elements stay.
     """
     mask = np.zeros(count, bool) if stated is None else stated.element_mask()
     before = np.zeros(count, m.dtype) if stated is None else stated.values
@@ -255,7 +256,11 @@ def _as_phase_argument(structure, stated):
 
 
 def _hanging_parameters(structure, cables, elements):
-    """Return initial chords, m, horizontal spans, m, EA, N, and weights, N/m, of elements, [n]."""
+    """Return chords, m, horizontal spans, m, stiffnesses, N, weights, N/m, of elements, [n] each.
+
+    Chords and spans are initial. The axial stiffness is that of cable and end spring in series
+    (`stiffness_with_spring`); a weight that is not stated is zero.
+    """
     weight = 0.0 if cables.weight is None else cables.weight
     given = structure.nodes, cables.stiffness_with_spring, weight
     xp = checks.numpy_or_jax(given)

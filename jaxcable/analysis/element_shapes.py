@@ -24,7 +24,7 @@ from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from ..programs.program_calls import as_program
 from .phase_results import PhaseResult
-from .results import Results
+from .results import StateResults
 from .solution import Solution, State
 
 _SAMPLES = 16
@@ -177,7 +177,7 @@ def element_shapes(
     pulls = one_of(SEGMENT_PULL.name, END_PULL.name)
     lengths = one_of(SEGMENT_LENGTH.name, "rest_length")
     present = items_per_group(structure, known.present)
-    return _shapes_by_group(list(structure.groups), known.positions, pulls, present, lengths)
+    return _shapes_and_activity(list(structure.groups), known.positions, pulls, present, lengths)
 
 
 def tensions_of_shapes(structure: Structure, state: StateOrPhase) -> list[Any]:
@@ -195,7 +195,7 @@ def tensions_of_shapes(structure: Structure, state: StateOrPhase) -> list[Any]:
 
 
 @as_program
-def _shapes_by_group(groups, positions, *parts):
+def _shapes_and_activity(groups, positions, *parts):
     """Return pairs of `ElementShapes` and which elements are active, [n_elem] bool, by group.
 
     `parts` are results of elements, a list per group each: forces, whether elements are there, and
@@ -215,8 +215,8 @@ def _shapes_by_group(groups, positions, *parts):
     return found
 
 
-def results_of_state(structure: Structure, state: StateOrPhase) -> Results:
-    """Return a state, which has `Results`, after checks.
+def results_of_state(structure: Structure, state: StateOrPhase) -> StateResults:
+    """Return a state, which has `StateResults`, after checks.
 
     Raises:
         ValueError: not a state, or of another structure.

@@ -111,7 +111,7 @@ def run_phase(
     kept = xs[-1:] if memory is None else xs
     points = ConvergedPoints(*lax.stop_gradient((kept, log[:, 0].astype(jnp.int32))))
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
+    valid, factor = _any_and_last_converged(good, count, begin.motion.dtype)
     restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
     path, counts = _make_path(outputs, xs[..., :3], good, good | ~live)
     motion = space_class(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
@@ -154,7 +154,7 @@ def _solve_by_newton(
         xs, log = _recall_increments(known, len(factors) - 1)
         memory = ramp.memory
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
-    valid, factor = _last_converged_factor(good, count, factors.dtype)
+    valid, factor = _any_and_last_converged(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
@@ -224,7 +224,7 @@ def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
     return ramp, (x, x, None), xs, outputs, log, memory, None, None
 
 
-def _last_converged_factor(good, count, dtype):
+def _any_and_last_converged(good, count, dtype):
     """Return whether any increment has converged, and the load factor of the last one that has.
 
     `good` says which have converged, [n_inc]; the phase has `count` increments.

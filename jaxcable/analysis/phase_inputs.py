@@ -177,7 +177,8 @@ def _require_known_input(name, path, groups):
 def _require_compatible(inputs, where, key, group):
     """Raise ValueError if two inputs for the same element of a group contradict each other.
 
-    `key` is that of the group in the elements, as text; `where` as in `check_phase_inputs`.
+    These are two that state its prestress, and one that changes it beside a jack, which keeps the
+    force. `key` is that of the group in the elements, as text; `where` as in `check_phase_inputs`.
     """
     absolute = [name for name in inputs if name in ABSOLUTE_INPUTS]
     for number, name in enumerate(absolute):

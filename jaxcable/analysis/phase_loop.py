@@ -79,7 +79,7 @@ def _scan_phases(
     frame = implicit.stop_gradient_unless(sound, (nodes, groups))
     loads, (counts, factors) = restart.loads, schedule.steps
     counts, factors = jnp.asarray(counts, jnp.int32), jnp.asarray(factors, nodes.dtype)
-    teller = None if listen is None else _progress_reporter(listen, len(schedule))
+    teller = None if listen is None else _increment_reporter(listen, len(schedule))
     touched = implicit.gradient_probe(parameters)
 
     def phase(run, scanned):
@@ -224,7 +224,7 @@ def _nan_results_unless(ok, end, touched):
     return copy_with(end, **implicit.nan_unless_probed(ok, result_fields(end), touched))
 
 
-def _progress_reporter(listen, phases):
+def _increment_reporter(listen, phases):
     """Return the function that `run_phase` calls after each increment, which reports to `listen`.
 
     It takes (phase, number of its increments, load factor, `IncrementOutcome`); `phases` is the

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.tree import apply_numpy_or_jax, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from .results import ElementResults, Results
+from .results import ElementResults, StateResults
 
 
 @pytree
@@ -87,7 +87,7 @@ class Path(ElementResults):
 
 
 @pytree(kw_only=True)
-class PhaseResult(Results):
+class PhaseResult(StateResults):
     """The end of a phase and its path; NaN if this phase or an earlier one has failed.
 
     Attributes:

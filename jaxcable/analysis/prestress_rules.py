@@ -57,7 +57,9 @@ def phase_input_rules(
     capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
     path: str = "",
 ) -> list[Rule]:
-    """Return all rules of what a phase states of a group, for the elements that it concerns.
+    """Return all rules of a phase input of a group, for the elements that it concerns.
+
+    They are `sign_rules`, `capacity_rules` and `span_rules`.
 
     Args:
         name: name of the input, such as "pretension".
@@ -92,7 +94,9 @@ def sign_rules(
 ) -> list[Rule]:
     """Return the rules on sign and size of the values of a phase input.
 
-    Arguments are those of `phase_input_rules`; `values` are numbers, one for each element or one.
+    Unstressed lengths and sags are positive, and prestrains above -1. Tensions of cables are not
+    negative, of cables that hang positive; forces of contacts are not positive. Arguments are those
+    of `phase_input_rules`; `values` are numbers, one for each element or one.
     """
     if name not in PHASE_INPUTS:
         return [rule(path, values) for rule in accepted_inputs(group)[name].rules]

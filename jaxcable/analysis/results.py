@@ -70,8 +70,8 @@ class ElementResults:
 
 
 @pytree
-class Results(ElementResults):
-    """Results at a state of the structure; `Solution` describes its fields.
+class StateResults(ElementResults):
+    """Results at one state of the structure; `Solution` describes its fields.
 
     `State`, `PhaseResult` and `Solution` derive from it.
     """
@@ -110,12 +110,12 @@ class Results(ElementResults):
 
 _rotation_vectors = as_program(rotation_vectors)
 
-RESULT_NAMES = tuple(field.name for field in dataclasses.fields(Results))
+RESULT_NAMES = tuple(field.name for field in dataclasses.fields(StateResults))
 """Names of the results that a `State`, a `PhaseResult` and a `Solution` have."""
 
 
-def result_fields(part: Results) -> dict[str, Any]:
-    """Return the fields of `Results` that a state, phase result or solution has, a dict by name."""
+def result_fields(part: StateResults) -> dict[str, Any]:
+    """Return the `StateResults` of a state, phase result or solution, a dict by name."""
     return {name: getattr(part, name) for name in RESULT_NAMES}
 
 

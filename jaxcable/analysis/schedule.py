@@ -80,24 +80,25 @@ class Schedule:
 
 
 def stack_phase_inputs(
-    inputs: Sequence[Sequence[dict[str, InputValues]]], bundles: Bundles
+    inputs_of_phases: Sequence[Sequence[dict[str, InputValues]]], bundles: Bundles
 ) -> list[dict[str, InputValues]]:
-    """Stack what all phases state of elements: per bundle a dict from name to `InputValues`.
+    """Stack the inputs of all phases, and join those of the groups of a bundle.
 
-    The arrays get an axis [n_phase]. In phases without the input they concern no element, and
-    of a bundle (groups evaluated as one) no element of the groups without it.
+    Returns for each bundle (groups evaluated as one) a dict from the name of the input to
+    `InputValues`, whose arrays have a leading axis [n_phase]. They concern no element in phases
+    without the input, and none of the groups of a bundle that do not have it.
 
     Args:
-        inputs: for every phase a list with a dict for every group.
+        inputs_of_phases: for every phase a list with a dict for every group.
         bundles: which groups are evaluated together.
     """
     found = []
     for groups in bundles.group_indices:
-        names = dict.fromkeys(n for phase in inputs for k in groups for n in phase[k])
+        names = dict.fromkeys(n for phase in inputs_of_phases for k in groups for n in phase[k])
         sizes = [bundles.sizes[k] for k in groups]
         of_bundle = {}
         for name in names:
-            parts = [[phase[k].get(name) for k in groups] for phase in inputs]
+            parts = [[phase[k].get(name) for k in groups] for phase in inputs_of_phases]
             of_bundle[name] = _stack_phase_input(parts, sizes)
         found.append(of_bundle)
     return found

@@ -108,10 +108,10 @@ class MeasuredAnalysis:
             columns.append(np.asarray(column))
         return found, np.concatenate(columns)[: x.size].T, solution.status
 
-    def _measured_values_and_derivatives(self, solution, changes):
+    def _measured_values_and_derivatives(self, solution, result_derivatives):
         """Return the quantities, [m], and their derivatives in some directions, [n_direction, m].
 
-        `changes` are the derivatives of the results `names` at the ends of the phases in these
+        `result_derivatives` are those of the results `names` at the ends of the phases in these
         directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
         """
         phases = solution.phases
@@ -125,7 +125,7 @@ class MeasuredAnalysis:
             return self.measure(as_user_solution(self.structure, whole, self._task))
 
         found, push = jax.linearize(value, floats)
-        return found, jax.vmap(push)(changes)
+        return found, jax.vmap(push)(result_derivatives)
 
 
 def _arguments_of_compiled_analysis(task):

@@ -15,11 +15,11 @@ from ..model.supports import FixedDofs
 from ..model.topology import Topology
 from ..numerics import implicit
 from .phase_results import PhaseResults
-from .results import Results
+from .results import StateResults
 
 
 @pytree(static=("fixed", "topology"), kw_only=True)
-class State(Results):
+class State(StateResults):
     """The state at the end of the last converged increment; another analysis can start from it.
 
     An increment has converged if its status is OK. `phase` and `load_factor` say which one it is:
@@ -81,7 +81,7 @@ class State(Results):
 
 
 @pytree(static=("links",), kw_only=True)
-class Solution(Results):
+class Solution(StateResults):
     """Result of `solve`.
 
     Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
@@ -166,11 +166,11 @@ class Solution(Results):
         return apply_numpy_or_jax(lambda _, there, before: there - before[at], *ends)
 
 
-def state_to_look_at(of: Any) -> Any:
-    """Return the `State` that is meant by a `Solution`: its last one, NaN if it has not converged.
+def last_state_or_nan(of: Any) -> Any:
+    """Return the last `State` of a `Solution`, with NaN for all its floats if the analysis failed.
 
-    All floats are NaN then, with NaN derivatives, and an InputWarning names the last converged
-    state, which is another argument. What is no `Solution` is returned as it is.
+    Derivatives are NaN then, too, and an InputWarning tells how to give the last converged state
+    instead. What is no `Solution` is returned as it is.
     """
     if not isinstance(of, Solution):
         return of

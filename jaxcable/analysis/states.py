@@ -190,6 +190,10 @@ def without_extra_rows(structure: Structure, part: Part, per_node: Sequence[str]
 def as_user_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:
     """Return the solution for the user: results in the shape of `elements`, node numbers restored.
 
+    Peak tensions that an analysis does not compute are filled in. The restart state gets the loads
+    as the user gave them, without amplitudes; `last` gets `fixed` and `topology`, by which a later
+    analysis checks that it continues the same structure.
+
     Args:
         structure: `Structure`.
         solution: `Solution` of the compiled program, with lists that have an item per group.

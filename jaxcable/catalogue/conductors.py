@@ -73,7 +73,7 @@ class Layer:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers must satisfy, a list of `Rule`."""
+        """Return the rules that modulus and limit are positive, a list of `Rule`."""
         return [positive("modulus", self.modulus), positive("limit", self.limit)]
 
 
@@ -118,7 +118,7 @@ class Conductor:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers must satisfy, a list of `Rule`."""
+        """Return the rules of the layers, and: area positive, others not negative; a list."""
         names = ("diameter", "weight", "strength")
         own = [not_negative(name, getattr(self, name)) for name in names]
         return [positive("area", self.area), *own, *(r for x in self.layers for r in x.rules())]

@@ -74,11 +74,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parser().parse_args(arguments)
     with settings.command_settings(whole_process=arguments is None):
-        return run_guarded(_import_and_run, options)
+        return run_guarded(_import_user_modules_and_run, options)
 
 
-def _import_and_run(options):
-    """Import the modules in `options.modules`, which register a user's classes; run the command."""
+def _import_user_modules_and_run(options):
+    """Import the user's modules (--import), which register classes, and run the command."""
     sys.path.insert(0, str(Path.cwd()))  # where scripts, unlike `python -m`, do not look
     try:
         for name in options.modules:

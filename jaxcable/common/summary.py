@@ -142,7 +142,11 @@ def _type_and_length_text(value):
 
 
 def _shape_and_range_text(value):
-    """Return the shape of an array and the range of its numbers, as a text."""
+    """Return the shape of an array and the range of its numbers, as a text.
+
+    A scalar gives its value instead; booleans give the number of True. NaN are counted apart from
+    the range. Arrays that are empty, very large or not of numbers give dtype and shape only.
+    """
     shape = list(value.shape)
     numeric = jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool
     if not numeric or not 0 < value.size <= _MOST_NUMBERS:

@@ -278,11 +278,11 @@ def is_unit(unit: str) -> bool:
 
     The text "" or "-" says this.
     """
-    return _dimensions(unit) is not None
+    return _base_unit_powers(unit) is not None
 
 
 @functools.cache
-def _dimensions(unit):
+def _base_unit_powers(unit):
     """Return pairs (base unit, power) of the SI unit of a quantity; None for any other text."""
     if unit in _WITHOUT_UNIT:
         return ()
@@ -310,7 +310,7 @@ def dimensions(unit: str) -> dict[str, int]:
         >>> dimensions("N m/rad"), dimensions("1/Pa"), dimensions("-")
         ({'N': 1, 'm': 1, 'rad': -1}, {'N': -1, 'm': 2}, {})
     """
-    powers = _dimensions(unit)
+    powers = _base_unit_powers(unit)
     if powers is None:
         raise ValueError(f"{unit!r}: no product of N, Pa, J, m, kg, s, K and rad")
     return dict(powers)

@@ -121,7 +121,7 @@ class CableResistance(_OnCables):
     def inputs(self) -> dict[str, Any]:
         """Return the factors and forces that the user gave, by the labels that a report shows."""
         proof = "not checked" if self.proof_force is None else self.proof_force
-        return {"k_e": _named_factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
+        return {"k_e": _format_factor(self.termination), "gamma_R": self.gamma_r, "F_k (N)": proof}
 
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return F_Ed, F_uk, F_Rd, N, and the utilization F_Ed / F_Rd in one case, [n_item]."""
@@ -176,7 +176,7 @@ class CableService(_OnCables):
 
     def inputs(self) -> dict[str, Any]:
         """Return the factors and forces that the user gave, by the labels that a report shows."""
-        return {"fraction": self._service_limit_ratio(), "k_e": _named_factor(self.termination)}
+        return {"fraction": self._service_limit_ratio(), "k_e": _format_factor(self.termination)}
 
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, breaking force and service limit, N, and the utilization, [n_item] each."""
@@ -219,7 +219,7 @@ class CableSafety(_OnCables):
 
     def inputs(self) -> dict[str, Any]:
         """Return the factors and forces that the user gave, by the labels that a report shows."""
-        return {"factor": self.factor, "k_e": _named_factor(self.termination)}
+        return {"factor": self.factor, "k_e": _format_factor(self.termination)}
 
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return force, breaking force, that over the factor of safety, N, and the utilization."""
@@ -339,7 +339,7 @@ class CableFatigue(_OnCables):
         return found, high_case, low_case
 
 
-def _named_factor(termination):
+def _format_factor(termination):
     """Return a loss factor k_e for reports: value and name as a text, or the number itself."""
     if isinstance(termination, str):
         return f"{TERMINATIONS[termination]:g} ({termination})"

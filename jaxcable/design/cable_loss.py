@@ -109,7 +109,7 @@ def loss_of_cable(
     require_structure(structure)
     state, sound = _checked_state(solution)
     require_same_topology(structure, state.topology, "solution")
-    lost = _lost_elements(elements, structure)
+    lost = _masks_of_lost_elements(elements, structure)
     _require_active(structure, state, lost)
     text = "expected a finite number of at least 1"
     rule = Rule(
@@ -127,7 +127,7 @@ def loss_of_cable(
     return Action(name, "accidental", loads, removes=structure.arrange(lost))
 
 
-def _lost_elements(elements, structure):
+def _masks_of_lost_elements(elements, structure):
     """Return which elements are lost, a list of bool arrays [n_elem] of NumPy, one for each group.
 
     Raises ValueError for unknown, traced or no elements.

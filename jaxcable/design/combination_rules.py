@@ -119,8 +119,9 @@ def _check_rules(rules):
 def _check_combination(where, rule, kinds):
     """Raise ValueError, which names `where`, if the rule of a combination is wrong.
 
-    `kinds` are the kinds of variable actions; the default factors of a leading action are put
-    in.
+    It has known entries only, a limit state, factors of permanent actions, and either "leading" or
+    "terms"; factors and kinds of actions are known ones. `kinds` are the kinds of variable actions;
+    the default factors of a leading action are put in.
     """
     if not isinstance(rule, dict) or not isinstance(rule.get("limit state"), str):
         raise ValueError(f"rules: {where}: expected a dict with 'limit state', a text")

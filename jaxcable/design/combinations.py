@@ -144,7 +144,7 @@ class Combinations:
         changes = {
             name: self._sum_inputs(name, acting, added) for name in ("temperature", "shortening")
         }
-        lost = self._lost_elements(acting, added)
+        lost = self._masks_of_lost_elements(acting, added)
         return Phase(loads=batch, increments=self.increments, removes=lost, **changes)
 
     def _sum_inputs(self, name, acting, added):
@@ -170,7 +170,7 @@ class Combinations:
             *trees.values(),
         )
 
-    def _lost_elements(self, acting, added):
+    def _masks_of_lost_elements(self, acting, added):
         """Return which elements are lost in each case, bool [n_combination, n_elem] by group.
 
         Arguments as of `_sum_inputs`; None if no acting action removes elements.

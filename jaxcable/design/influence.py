@@ -168,7 +168,7 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
             raise ValueError(f"wrt = {wrt!r}: {where} a {wrt}")
     dtype = jnp.asarray(structure.nodes).dtype
     values = _prestress_input_values(phases[phase], structure, wrt)
-    some_there = _groups_with_present_elements(structure, phases, phase, start)
+    some_there = _has_present_elements_per_group(structure, phases, phase, start)
     for k, (group, some) in enumerate(zip(structure.groups, some_there, strict=True)):
         able = isinstance(group, Prestressable)
         able = able and (wrt != "temperature" or group.expansion is not None)
@@ -188,11 +188,11 @@ def _input_values_and_setter(structure, phases, wrt, phase, start):
     return values, set_statement
 
 
-def _groups_with_present_elements(structure, phases, phase, start):
-    """Return, for each element group, whether any of its elements is present in phase `phase`.
+def _has_present_elements_per_group(structure, phases, phase, start):
+    """Return one bool per group, a list: whether any of its elements is present in a phase.
 
-    A list of bool; True where that is traced and not known. `start` is the state before all
-    phases, or None.
+    It is True where that is traced, hence not known. `phase` is the index of the phase, `start` is
+    the state before all phases, or None.
     """
     last = start.last if isinstance(start, Solution) else start
     presence = make_activation(structure, phases, None if last is None else last.restart.states)

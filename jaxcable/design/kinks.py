@@ -132,10 +132,11 @@ def nearest_kink(
     params: PyTree[Float[ArrayLike, " ..."]],
     direction: PyTree[Float[ArrayLike, " ..."]],
 ) -> PyTree[Float[Array, " ..."]]:
-    """Estimate the factors t at which cables go slack or taut along ``params + t direction``.
+    """Estimate for each cable the factor t at which it goes slack or taut.
 
-    These are kinks of the response: a gradient describes it for t below the smallest of them only.
-    They are estimates to first order: check them with an analysis.
+    The parameters change as ``params + t direction``, t >= 0. Such changes are kinks of the
+    response: a gradient describes it for t below the smallest of them only. They are estimates to
+    first order: check them with an analysis.
 
     Args:
         distance: function of the parameters, for example

@@ -230,8 +230,8 @@ class DisplacementLimit(Check):
     def evaluate(self, structure: Structure, solution: Solution) -> Terms:
         """Return "displacement", m, and "utilization" in one case, [n_item] each.
 
-        NaN for nodes that only slack elements hold; zero utilization where no element is
-        active.
+        Both are NaN for nodes that only slack elements hold. Where no element of a node is active,
+        its displacement is NaN and its utilization zero.
         """
         if isinstance(self.since, str):
             moved = solution.displacement_since(-1)

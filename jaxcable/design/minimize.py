@@ -200,7 +200,7 @@ def _search(loss, optimizer, args, params, box, scale, tol, steps, listen):
     scale = None if scale is None else flat_vector(scale)
     propose = None
     if optimizer is not None:
-        propose = _steps_of_optimizer(*optimizer, (loss, args, box, scale))
+        propose = _optimizer_step_function(*optimizer, (loss, args, box, scale))
 
     def evaluate(x):
         return _loss_and_gradient(loss, x, args)
@@ -267,7 +267,7 @@ def _trace_optimizer(optimizer, loss, args, params, box):
     return first, trace_function(update, *given)
 
 
-def _steps_of_optimizer(init, update, given):
+def _optimizer_step_function(init, update, given):
     """Return a function of an accepted point to the step, [n], that a user's optimizer proposes.
 
     `init` and `update` are of `_trace_optimizer`; `given` are the first arguments of `update`.

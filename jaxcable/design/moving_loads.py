@@ -194,7 +194,7 @@ def _best_position(stations, own, forces, behind):
     cubics = values @ TO_CUBIC.T
     places = [np.zeros(len(begin)), np.ones(len(begin)), *_stationary_points(cubics)]
     # places are NaN where a cubic has fewer stationary points: these are left out below
-    reached = [_evaluate_cubics(cubics, np.nan_to_num(x)) for x in places]
+    reached = [_evaluate_each_cubic(cubics, np.nan_to_num(x)) for x in places]
     reached = np.where(np.isnan(places), -np.inf, reached)
     kind, k = np.unravel_index(int(reached.argmax()), reached.shape)
     x = places[kind][k]
@@ -205,8 +205,8 @@ def _best_position(stations, own, forces, behind):
     return begin[k] + x * width[k], reached[kind, k]
 
 
-def _evaluate_cubics(cubics, x):
-    """Return the values of n cubics at one `x` each, [n]; coefficients [n, 4], constant first."""
+def _evaluate_each_cubic(cubics, x):
+    """Return the k-th cubic at the k-th `x`, [n]; coefficients are [n, 4], constant first."""
     return (cubics * x[:, None] ** np.arange(4)).sum(axis=-1)
 
 

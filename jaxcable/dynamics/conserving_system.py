@@ -161,7 +161,10 @@ def _conserving_tangent(one, state, ends, before, after):
 def require_energy_momentum_input(
     structure: Structure, loads: Sequence[Load], start: Solution | State | None
 ) -> None:
-    """Raise ValueError for elements or loads that the scheme "energy-momentum" does not support."""
+    """Raise ValueError for elements or loads that the scheme "energy-momentum" does not support.
+
+    It supports straight cables and bars of two nodes without history variables, under dead loads.
+    """
     for where, group in structure.named_groups():
         straight = isinstance(group, Straight) and not isinstance(group, Hanging)
         if not straight or group.has_memory or group.links.shape[1] != 2:

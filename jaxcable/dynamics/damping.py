@@ -179,7 +179,9 @@ class Dashpots:
     def matrices(self, nodes: Float[Array, "n_row 3"], motion: Motion) -> DamperMatrices:
         """Return the damping matrix of each dashpot, N s/m, with its direction in a motion.
 
-        `nodes` are the initial positions of all rows, m, and `motion` is theirs.
+        Dashpots to the ground have their coefficients along x, y and z, and no direction. One whose
+        two nodes coincide gives zero. `nodes` are the initial positions of all rows, m, and
+        `motion` is theirs.
         """
         links, c = jnp.asarray(self.nodes.array), jnp.asarray(self.coefficient, nodes.dtype)
         if self.is_grounded:

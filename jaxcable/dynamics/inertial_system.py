@@ -255,8 +255,7 @@ class InertialSystem(System):
 
     def _nodal_mass_blocks(self, mass):
         """Return masses of rows, [n_row], as matrices [n_row, n_freedom, n_freedom]."""
-        width = self.space.n_freedom
-        which = jnp.diag(jnp.asarray([1.0] * 3 + [0.0] * (width - 3), mass.dtype))
+        which = jnp.diag(jnp.asarray([1.0] * 3 + [0.0] * (self.space.n_freedom - 3), mass.dtype))
         return mass[:, None, None] * which[None]
 
     def _velocity_derivatives(self, x):
@@ -281,7 +280,10 @@ class InertialSystem(System):
         return TimeStep(rows, self.step.duration, self.step.parameters)
 
     def _rotary_moment_derivatives(self, x):
-        """Return derivatives of moments of rotary inertia by rotations of rows, [n_row, 3, 3]."""
+        """Return derivatives of rotary inertia moments, N m, by rotations of rows, [n_row, 3, 3].
+
+        Both are along x, y, z. Velocity and acceleration follow a rotation by the time integration.
+        """
 
         def moment(spin, begin, motion, rotary):
             moved = _rotate_row(motion, spin)
@@ -332,8 +334,7 @@ def _rotate_row(motion, spin):
 
 def _rotary_inertia_moment(rotary, rotation, velocity, acceleration):
     """Return the moment ``R (J w' + w x J w)`` along x, y, z, [3], N m, of one row."""
-    own = rotary @ acceleration + cross(velocity, rotary @ velocity)
-    return rotate(rotation, own)
+    return rotate(rotation, rotary @ acceleration + cross(velocity, rotary @ velocity))
 
 
 def _inertia_along_xyz(rotary, rotation):
@@ -376,13 +377,13 @@ def _blocks_times_derivatives(blocks, slopes, width):
 def initial_acceleration_and_load(
     bare: System, system: InertialSystem, state: MotionState
 ) -> tuple[Forces, Forces]:
-    """Return accelerations that satisfy the equations of motion at one time, and the loads.
+    """Return accelerations by the equations of motion at one time, and the loads of `bare` then.
 
-    Both are those of all rows along x, y, z, [n_row, n_freedom].
+    Both are along x, y, z, [n_row, n_freedom]. Massless unknowns get zero, without equilibrium.
 
     Args:
-        bare: the `System` without inertia.
-        system: the `InertialSystem` under the loads of this time; its step is of no meaning.
+        bare: the `System` without inertia, under the loads of this time.
+        system: the `InertialSystem` with masses and damping; its step is of no meaning.
         state: `MotionState` with zero accelerations.
     """
     x = state.motion

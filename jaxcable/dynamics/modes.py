@@ -262,13 +262,13 @@ def _natural_modes(split, gravity, masses, distribution, n):
         effective_mass=shares**2,
         total_mass=total_effective_mass(mass, pulled, loose),
         repeated=found.repeated,
-        loose=_nodes_of_unknowns(loose, dof_map, len(system.nodal_mass)),
+        loose=_has_chosen_unknown(loose, dof_map, len(system.nodal_mass)),
         status=jnp.where(ok, status.OK, status.MODES_NOT_FOUND).astype(jnp.int32),
     )
     return found_modes, found.symmetric, jnp.any(diagonal(mass) > 0)
 
 
-def _nodes_of_unknowns(chosen, dof_map, n_node):
+def _has_chosen_unknown(chosen, dof_map, n_node):
     """Return which nodes have at least one of the unknowns `chosen`, [n_free] bool: [n_node]."""
     count = jnp.zeros(dof_map.unknown_of_dof.shape[0], jnp.int32)
     return count.at[dof_map.row_of_unknown].max(chosen.astype(jnp.int32))[:n_node] > 0

@@ -92,7 +92,10 @@ class Turbulence:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers must satisfy, a list of `Rule`."""
+        """Return the rules of the numbers, a list of `Rule`.
+
+        The length scale is positive; deviation and decay are not negative; directions are not zero.
+        """
         text = "is zero; give the direction towards which the wind blows, such as (1, 0, 0)"
         return [
             not_negative("deviation", self.deviation),

@@ -222,9 +222,9 @@ class Hanging(Prestressable):
 
     @abc.abstractmethod
     def curve(
-        self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
-    ) -> Float[Array, "n 3"]:
-        """Return points on one element, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
+        self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n_place"]
+    ) -> Float[Array, "n_place 3"]:
+        """Return points of one element, m, at `parts` (0 to 1) of its unstressed length."""
 
 
 class SecantStiffness(Element):
@@ -350,11 +350,7 @@ class RoundingEstimate(Element):
         """Return an estimate of the absolute rounding error of `end_forces`, in their shape, N."""
 
 
-POINT_LOADS = Result(
-    "point_loads",
-    "-, N, N m",
-    ("place", "Fx", "Fy", "Fz", "Mx", "My", "Mz"),
-)
+POINT_LOADS = Result("point_loads", "-, N, N m", ("place", "Fx", "Fy", "Fz", "Mx", "My", "Mz"))
 """Concentrated loads within an element, [n, 7]: the place from 0 to 1, and force and moment along
 the axes of the element where it is. By them reports and pictures show the jumps of section forces.
 They are kept in every increment for the stresses, whose extremes may be at a load."""
@@ -377,9 +373,9 @@ class Bending(Element):
         state: OwnState,
         ends: Ends,
         motion: Motion,
-        places: Float[ArrayLike, " n"] | None = None,
-    ) -> Float[Array, "n 6"]:
-        """Return the section forces ``N, Vy, Vz, T, My, Mz`` of one element, [n, 6], N and N m.
+        places: Float[ArrayLike, " n_place"] | None = None,
+    ) -> Float[Array, "n_place 6"]:
+        """Return the section forces ``N, Vy, Vz, T, My, Mz`` of one element at n places, N and N m.
 
         `places` are positions on its axis, from 0 to 1; None for those at which results are given.
         """

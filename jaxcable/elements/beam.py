@@ -154,7 +154,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group, such as positive lengths, a list."""
+        """Return the rules: stiffness, length, strength positive; weight, springs not negative."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
@@ -209,9 +209,10 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
                 )
             pack = jnp if isinstance(springs, jax.Array) else np
             springs = pack.broadcast_to(springs, (count, 2, 3))
-        put(self, "springs", nan_if_broken(_torsion_rule(springs, hinges)) if partly else None)
+        rule = _rule_one_end_keeps_torsion(springs, hinges)
+        put(self, "springs", nan_if_broken(rule) if partly else None)
         if not partly:
-            refuse_if_broken([_torsion_rule(springs, hinges)])
+            refuse_if_broken([rule])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError if `up` is missing where an element is nearly vertical, but not quite.
@@ -362,7 +363,7 @@ class Beams(BeamElement, Prestressed, Bending, RoundingEstimate):
         return slopes @ pose.axes, pose.axes
 
 
-def _torsion_rule(springs, hinges):
+def _rule_one_end_keeps_torsion(springs, hinges):
     """Return the `Rule` that torsion is restrained at one end of each element at least.
 
     Only the constructor can check it: in the compiled program hinges are rows of motion instead.

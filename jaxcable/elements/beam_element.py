@@ -340,9 +340,9 @@ class BeamElement(InnerUnknowns):
         state: AxialState,
         ends: Ends,
         motion: Motion,
-        places: Float[ArrayLike, " n"] | None = None,
-    ) -> Float[Array, "n 6"]:
-        """Return ``N, Vy, Vz, T, My, Mz`` of one element at `places`, [n, 6], N and N m.
+        places: Float[ArrayLike, " n_place"] | None = None,
+    ) -> Float[Array, "n_place 6"]:
+        """Return ``N, Vy, Vz, T, My, Mz`` of one element at `places`, [n_place, 6], N and N m.
 
         Places are from 0 to 1; None: integration points. By equilibrium of the part before the
         section, hence exact for the end forces and the load, whatever the laws of the fibres.

@@ -18,9 +18,9 @@ def section_forces_by_equilibrium(
     load: Float[Array, " 3"] | None,
     end_forces: tuple[Float[Array, " 3"], Float[Array, "2 3"]],
     length: Scalar,
-    places: Float[ArrayLike, " n"],
-) -> Float[Array, "n 6"]:
-    """Return ``N, Vy, Vz, T, My, Mz`` at places, [n, 6], N and N m.
+    places: Float[ArrayLike, " n_place"],
+) -> Float[Array, "n_place 6"]:
+    """Return ``N, Vy, Vz, T, My, Mz`` at places, [n_place, 6], N and N m.
 
     Where a concentrated load acts they are those just before it (`point_loads.acts_before`).
 
@@ -29,7 +29,7 @@ def section_forces_by_equilibrium(
         load: load per unstressed length along the rotated axes, [3], N/m, or None.
         end_forces: force on the second end, [3], N, and moments on both ends, [2, 3], N m.
         length: unstressed length, m.
-        places: from 0 to 1, [n].
+        places: from 0 to 1, [n_place].
     """
     pull, moments = end_forces
     s = jnp.asarray(places, pull.dtype)
@@ -69,9 +69,9 @@ def lacks_clamped_end_strains(field: bending.StrainField) -> bool:
 
 
 def strains_of_linear_section(
-    stiffness: Float[Array, "3 3"], forces: Float[Array, "n 6"]
-) -> Float[Array, "n 3"]:
-    """Return the strains e0, ky, kz, [n, 3], of a linear section under ``N, Vy, Vz, T, My, Mz``."""
+    stiffness: Float[Array, "3 3"], forces: Float[Array, "n_place 6"]
+) -> Float[Array, "n_place 3"]:
+    """Return the strains e0, ky, kz of a linear section under ``N, Vy, Vz, T, My, Mz``."""
     coupling = stiffness[0, 1:] / stiffness[0, 0]
     own = bending.bending_compliance(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
     axial, moments = forces[:, :1], forces[:, 4:]

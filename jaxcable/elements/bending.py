@@ -65,8 +65,8 @@ class StrainField:
     shear: ShearAngles | None = None
     points: SpanLoads | None = None
 
-    def strains_at(self, places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
-        """Return the section strains e0, ky, kz at positions from 0 to 1, [n, 3]."""
+    def strains_at(self, places: Float[ArrayLike, " n_place"]) -> Float[Array, "n_place 3"]:
+        """Return the section strains e0, ky, kz at positions from 0 to 1, [n_place, 3]."""
         places = jnp.asarray(places, self.strain.dtype)
         strains = legendre_basis(places) @ self.strain
         if self.points is None or not self.points.has_clamped_field:
@@ -195,8 +195,8 @@ def bending_components(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
     return jnp.stack([-load[2], load[1]])
 
 
-def legendre_basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
-    """Return Legendre polynomials 1, P1, P2 at positions from 0 to 1, [n]: columns of [n, 3]."""
+def legendre_basis(places: Float[ArrayLike, " n_place"]) -> Float[Array, "n_place 3"]:
+    """Return Legendre polynomials 1, P1, P2 at positions from 0 to 1: columns of [n_place, 3]."""
     place = jnp.asarray(places)
     return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
 
@@ -294,18 +294,18 @@ def deflected_axis(
     rotations: Float[Array, "2 3"],
     length: Scalar,
     chord: Scalar,
-    places: Float[ArrayLike, " n"],
-) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
+    places: Float[ArrayLike, " n_place"],
+) -> tuple[Float[Array, "n_place 3"], Float[Array, "n_place 3"], Float[Array, "n_place 3"]]:
     """Return points, their integrals and rotations of the deflected axis, along rotated axes.
 
     Args:
         field, rotations, length: as of `strain_field`.
         chord: length of the chord, m.
-        places: positions along the axis, from 0 to 1, [n].
+        places: positions along the axis, from 0 to 1, [n_place].
 
     Returns:
-        Points relative to the first end, [n, 3], m; their integrals from 0 to each place, [n, 3],
-        m; and rotation vectors of the axis, [n, 3], rad.
+        Points relative to the first end, m; their integrals from 0 to each place, m; and rotation
+        vectors of the axis, rad; [n_place, 3] each.
     """
     s = jnp.asarray(places)[:, None]
     slopes = axis_slopes(field, rotations)

@@ -40,13 +40,13 @@ _MAX_STEPS = 60  # of the directions of segments; 3 to 8 are seen
 
 
 class CablePath(NamedTuple):
-    """Segments of one cable, [n], between its ends and deviators; fillers have no length.
+    """Segments of one cable, [n_segment], between its ends and deviators; fillers have no length.
 
     Attributes:
         along: unit vectors of the straight parts, [n, 3]; zero of fillers.
-        length: of the straight parts and the halves of arcs beside them, [n], m.
-        change: of these lengths since the initial geometry, [n], m.
-        initial_length: lengths in the initial geometry, [n], m.
+        length: of the straight parts and the halves of arcs beside them, [n_segment], m.
+        change: of these lengths since the initial geometry, [n_segment], m.
+        initial_length: lengths in the initial geometry, [n_segment], m.
         angle: by which the cable turns at every deviator, out of the plane of a saddle included,
             [n_deviator], rad.
         contact_angle: of the arc on every saddle, [n_deviator], rad; negative where the cable would
@@ -55,10 +55,10 @@ class CablePath(NamedTuple):
             [n_deviator, 3], zero where there is none; None without a radius.
     """
 
-    along: Float[Array, "n 3"]
-    length: Float[Array, " n"]
-    change: Float[Array, " n"]
-    initial_length: Float[Array, " n"]
+    along: Float[Array, "n_segment 3"]
+    length: Float[Array, " n_segment"]
+    change: Float[Array, " n_segment"]
+    initial_length: Float[Array, " n_segment"]
     angle: Float[Array, " n_deviator"]
     contact_angle: Float[Array, " n_deviator"] | None = None
     axis: Float[Array, "n_deviator 3"] | None = None
@@ -156,7 +156,12 @@ def saddle_rules(
     nodes: Float[ArrayLike, "n_node 3"],
     links: Int[np.ndarray, "n_elem n_end"],
 ) -> list[Rule]:
-    """Return the conditions on saddles with a radius, m, at initial nodes, m: a plane, and room."""
+    """Return the conditions on saddles with a radius, m, at the initial positions `nodes`, m.
+
+    The cable bends there in a plane: that of the nodes, which are not in line; or one normal to
+    `axis`, about which the cable turns. The radius is at most half of the distance to the next
+    node.
+    """
     pack = numpy_or_jax((radius, axis, nodes))
     start = pack.asarray(nodes)[links[:, 1:]] - pack.asarray(nodes)[links[:, :-1]]
 

@@ -124,7 +124,10 @@ class Catenaries(TensionOnly, Hanging, RoundingEstimate):
         return self._solve_shape(state, ends, motion)[0]
 
     def suits_cone_solver(self, state: AxialState) -> bool:
-        """Return whether no phase has loads along the cables, as `conic_interior_point` needs."""
+        """Return whether the law is linear and no phase has loads along the cables.
+
+        Then they are straight, as `conic_interior_point` needs.
+        """
         return state.line_load is None and super().suits_cone_solver(state)
 
     def tension_response(self, state: AxialState, ends: Ends, motion: Motion) -> TensionResponse:
@@ -195,13 +198,7 @@ class Catenaries(TensionOnly, Hanging, RoundingEstimate):
             return super().energy(state, ends, motion)
         force, tau, theta, chord = self._solve_shape(state, ends, motion)
         return hanging.stored_energy(
-            force,
-            tau,
-            theta,
-            chord,
-            state.line_load,
-            state.rest_length,
-            self.stiffness_with_spring,
+            force, tau, theta, chord, state.line_load, state.rest_length, self.stiffness_with_spring
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -266,9 +263,9 @@ class Catenaries(TensionOnly, Hanging, RoundingEstimate):
         return hanging_sag.midspan_sag(force, theta, load, self.stiffness_with_spring)
 
     def curve(
-        self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
-    ) -> Float[Array, "n 3"]:
-        """Return points on one cable, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
+        self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n_place"]
+    ) -> Float[Array, "n_place 3"]:
+        """Return points of one cable, m, at `parts` (0 to 1) of its unstressed length."""
         first = ends[0] + motion[0]
         if state.line_load is None:
             return first[None] + jnp.outer(parts, ends[1] + motion[1] - first)

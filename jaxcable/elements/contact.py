@@ -189,7 +189,7 @@ class Contacts(CompressionOnly, TwoNodeStraight):
             raise ValueError("gap: give either gap or rest_length, not both")
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group: those of `Bars`, and one on its law."""
+        """Return the conditions of `Bars`, and that the law has a branch of compression, a list."""
         rules = super().rules()
         if isinstance(self.law, Law):
             text = "the law has no branch of compression, so that the contact could not press"

@@ -43,7 +43,9 @@ class DeviatorResults(Slipping):
         found = self._segments_with_tensions(state, ends, motion)[1]
         return state.memory + slip_lengths(found) / state.thermal_stretch_or_one
 
-    def is_slipping(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, " n"]:
+    def is_slipping(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Bool[Array, " n_deviator"]:
         """Return at which deviators one cable slips with friction, or is about to, [n_deviator]."""
         found = self._segments_with_tensions(state, ends, motion)[1]
         before, after = found.deviator_tensions()

@@ -163,11 +163,11 @@ class Element(abc.ABC):
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group, such as positive lengths, a list."""
+        """Return conditions on numbers of the group, such as positive areas; by default none."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the conditions on the numbers of the group at initial positions `nodes`, m."""
+        """Return conditions on numbers at initial positions `nodes`, m; by default none."""
         return []
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:

@@ -47,53 +47,53 @@ _SEARCH_ROUNDINGS = 1024  # of eps of length and tension, more than any search w
 
 
 class StraightSegments(NamedTuple):
-    """Straight segments of one cable between its nodes, [n], before the search for slips.
+    """Straight segments of one cable between its nodes, [n_segment], before the search for slips.
 
     Attributes:
         cable: the element: `force` by strain, not negative, and `strain_at`, its inverse.
-        length: present lengths, [n], m; 0 for segments that only fill up a shorter chain.
+        length: present lengths, [n_segment], m; 0 for segments that only fill up a shorter chain.
         stuck_elongation: present length minus unstressed length, if nothing slips in this
-            increment, [n], m.
-        bound: largest logarithm of the ratio of successive tensions, [n - 1]; zero beside segments
-            that only fill up.
-        clamped: whether the cable is clamped to a deviator, [n - 1].
+            increment, [n_segment], m.
+        bound: largest logarithm of the ratio of successive tensions, [n_deviator]; zero beside
+            segments that only fill up.
+        clamped: whether the cable is clamped to a deviator, [n_deviator].
         jack: None: there is none at an end.
     """
 
     cable: TensionOnly
-    length: Float[Array, " n"]
-    stuck_elongation: Float[Array, " n"]
+    length: Float[Array, " n_segment"]
+    stuck_elongation: Float[Array, " n_segment"]
     bound: Float[Array, " n_deviator"]
     clamped: Bool[Array, " n_deviator"]
     jack: Jack | None
 
 
 class SegmentTensions(NamedTuple):
-    """Tensions of the segments of one cable, [n], and where it slips: the result of a search.
+    """Tensions of all segments of one cable, [n_segment], and where it slips: result of a search.
 
     Attributes:
-        tension: mean of the tensions at both ends of each segment, [n], N.
+        tension: mean of the tensions at both ends of each segment, [n_segment], N.
         drop: by how much the tension at the first end exceeds this mean, and that at the last end
-            falls short of it, [n], N, the effect of weight; None: it is the same at both ends.
+            falls short of it, [n_segment], N, the effect of weight; None: both are the same.
         sign: for every deviator 1 where the cable slips towards the next segment, so that the
             tension there is larger by the largest ratio; -1 where it slips back; 0 where it sticks.
         bound: largest logarithm of the ratio of the tensions at every deviator that friction alone
-            allows, [n - 1]; a clamp allows any.
-        gained: unstressed length that each segment has more than before the increment, [n], m; zero
-            without tension.
-        jacked_last: the last segment, as a mask, if a jack at its end takes length out or in, [n]
-            bool; None: there is none at an end.
+            allows, [n_deviator]; a clamp allows any.
+        gained: unstressed length that each segment has more than before the increment, [n_segment],
+            m; zero without tension.
+        jacked_last: the last segment, as a mask, if a jack at its end takes length out or in,
+            [n_segment] bool; None: there is none at an end.
     """
 
-    tension: Float[Array, " n"]
-    drop: Float[Array, " n"] | None
+    tension: Float[Array, " n_segment"]
+    drop: Float[Array, " n_segment"] | None
     sign: Float[Array, " n_deviator"]
     bound: Float[Array, " n_deviator"]
-    gained: Float[Array, " n"]
-    jacked_last: Bool[Array, " n"] | None = None
+    gained: Float[Array, " n_segment"]
+    jacked_last: Bool[Array, " n_segment"] | None = None
 
     def deviator_tensions(self) -> tuple[Float[Array, " n_deviator"], Float[Array, " n_deviator"]]:
-        """Return the tensions on both sides of every deviator: before, after, [n - 1] each, N."""
+        """Return the tensions before and after every deviator, [n_deviator] each, N."""
         if self.drop is None:
             return self.tension[:-1], self.tension[1:]
         return (self.tension - self.drop)[:-1], (self.tension + self.drop)[1:]
@@ -125,9 +125,9 @@ class FrictionCoefficients(NamedTuple):
     """Coefficients of friction of one cable, without unit but the last; None: none of this kind.
 
     Attributes:
-        friction: of the cable on each deviator, [n - 1].
+        friction: of the cable on each deviator, [n_deviator].
         axle_friction: of the axles of pulleys, times the radius of the axle over that of the
-            pulley, [n - 1], below 1.
+            pulley, [n_deviator], below 1.
         wobble: of unintended angles, 1/m.
     """
 
@@ -136,18 +136,18 @@ class FrictionCoefficients(NamedTuple):
     wobble: Float[Array, ""] | None
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the coefficients, here of all cables, must satisfy, a list."""
+        """Return the rules: axle friction is from 0 to below 1, the others are not negative."""
         text = "must be from 0 to below 1: radius of the axle over that of the pulley, times mu"
         axle = Rule("axle_friction", self.axle_friction, lambda v: ~((v >= 0) & (v < 1)), text)
         pairs = ("friction", self.friction), ("wobble", self.wobble)
         return [axle, *(Rule(*pair, lambda v: ~(v >= 0), "must not be negative") for pair in pairs)]
 
     def largest_log_ratio(
-        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n"]
+        self, angle: Float[Array, " n_deviator"], length: Float[Array, " n_segment"]
     ) -> Float[Array, " n_deviator"]:
-        """Return b of the largest ratio of tensions ``exp(b)`` at each deviator, [n - 1].
+        """Return b of the largest ratio of tensions ``exp(b)`` at each deviator, [n_deviator].
 
-        `angle` has the deviations, rad, `length` the chords of the segments, [n], m; 0: a filler.
+        `angle` has the deviations, rad, `length` the chords of the segments, m, 0 for fillers.
         """
         bound = jnp.zeros_like(angle)
         if self.friction is not None:
@@ -207,7 +207,7 @@ def no_softening_rules(laws: Sequence[Law]) -> list[Rule]:
 
 
 def slip_lengths(found: SegmentTensions) -> Float[Array, " n_deviator"]:
-    """Return the lengths that slip over deviators in this increment, [n - 1], m.
+    """Return the lengths that slip over deviators in this increment, [n_deviator], m.
 
     They are unstressed, positive towards the next segment; zero where the cable sticks, and
     where it has no tension.
@@ -223,7 +223,7 @@ def slip_lengths(found: SegmentTensions) -> Float[Array, " n_deviator"]:
 
 
 def length_fed_at_ends(
-    found: SegmentTensions, gained: Float[Array, " n"], at_first: Bool[ArrayLike, ""]
+    found: SegmentTensions, gained: Float[Array, " n_segment"], at_first: Bool[ArrayLike, ""]
 ) -> Float[Array, " 2"]:
     """Return the unstressed lengths fed in by jacks at the first and the last end, [2], m.
 
@@ -238,16 +238,18 @@ def length_fed_at_ends(
     return jnp.stack([first, last])
 
 
-def is_last_segment(length: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Return which segment is the last one with a length (no filler), [n] bool."""
+def is_last_segment(length: Float[Array, " n_segment"]) -> Bool[Array, " n_segment"]:
+    """Return which segment is the last one with a length (no filler), [n_segment] bool."""
     return (length > 0) & ~jnp.pad(length[1:] > 0, (0, 1))
 
 
-def at_slip_limit(found: SegmentTensions, length: Float[Array, " n"]) -> Bool[Array, " n_deviator"]:
-    """Return at which deviators slip impends: at the bound, but none yet, [n - 1] bool.
+def at_slip_limit(
+    found: SegmentTensions, length: Float[Array, " n_segment"]
+) -> Bool[Array, " n_deviator"]:
+    """Return at which deviators slip impends: at the bound, but none yet, [n_deviator] bool.
 
     Tensions have no derivative there: under a larger load it slips, under a smaller one it sticks.
-    Clamps are not looked at. `length` is the present one of each segment, [n], m.
+    Clamps are not looked at. `length` is the present one of each segment, [n_segment], m.
     """
     before, after = found.deviator_tensions()
     eps = _ROUNDINGS * jnp.finfo(length.dtype).eps
@@ -266,11 +268,11 @@ def connected_by_slips(sign: Float[Array, " n_deviator"]) -> Float[Array, "n n"]
 
 def tension_residuals(
     found: SegmentTensions,
-    rate: Float[Array, " n"],
+    rate: Float[Array, " n_segment"],
     jack: Jack | None,
-    last: Bool[ArrayLike, " n"],
-) -> Float[Array, " n"]:
-    """Return the residuals of the equations for the tensions, one for each segment, [n], N.
+    last: Bool[ArrayLike, " n_segment"],
+) -> Float[Array, " n_segment"]:
+    """Return the residuals of the equations for the tensions of the segments, [n_segment], N.
 
     Where the cable slips after a segment, the next tension differs by the largest ratio. Otherwise
     the segments up to this one that are connected by slips keep their unstressed length together,
@@ -292,14 +294,14 @@ def tension_residuals(
 
 def residuals_vanish(
     found: SegmentTensions,
-    rate: Float[Array, " n"],
-    length: Float[Array, " n"],
+    rate: Float[Array, " n_segment"],
+    length: Float[Array, " n_segment"],
     jack: Jack | None,
-    last: Bool[ArrayLike, " n"],
+    last: Bool[ArrayLike, " n_segment"],
 ) -> Bool[Array, ""]:
     """Return whether the residuals of all segments with tension are zero up to rounding.
 
-    `rate` and `last` are those of `tension_residuals`; `length` has the present lengths, [n], m.
+    `rate` and `last` are those of `tension_residuals`; `length` has the present lengths, m.
     """
     rounding = _SEARCH_ROUNDINGS * jnp.finfo(length.dtype).eps
     allowed = rounding * (found.tension + jnp.sum(length) / rate)
@@ -337,12 +339,12 @@ def segment_tensions(segments: StraightSegments) -> SegmentTensions:
 
 
 def elongations_and_flexibilities(
-    segments: StraightSegments, tension: Float[Array, " n"]
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    segments: StraightSegments, tension: Float[Array, " n_segment"]
+) -> tuple[Float[Array, " n_segment"], Float[Array, " n_segment"]]:
     """Return elongations of segments of given present length under tensions, and flexibilities.
 
-    An elongation, [n], m, is the present less the unstressed length; flexibilities are the
-    derivatives by the tensions, [n], m/N.
+    An elongation, [n_segment], m, is the present less the unstressed length; flexibilities are the
+    derivatives by the tensions, [n_segment], m/N.
     """
 
     def elongations(tension):
@@ -353,7 +355,7 @@ def elongations_and_flexibilities(
 
 
 def _make_segment_tensions(segments, tension, sign):
-    """Return the `SegmentTensions` of straight segments under tensions, [n], N."""
+    """Return the `SegmentTensions` of straight segments under tensions, [n_segment], N."""
     gained = segments.stuck_elongation - elongations_and_flexibilities(segments, tension)[0]
     gained = jnp.where(tension > 0, gained, 0.0)
     jack = segments.jack
@@ -362,7 +364,7 @@ def _make_segment_tensions(segments, tension, sign):
 
 
 def _is_last_equation(segments):
-    """Return a mask [n], True in its last entry: the equation of a jack at the last end."""
+    """Return a mask [n_segment], True in its last entry: the equation of a jack at the last end."""
     return np.arange(len(segments.length)) == len(segments.length) - 1
 
 
@@ -377,7 +379,7 @@ def _residuals(tension, parameters):
 
 
 def _find_tensions_and_slip_signs(segments):
-    """Search for the tensions of straight segments, [n], N, and signs of slips, [n - 1]."""
+    """Search for tensions of straight segments, [n_segment], N, and slip signs, [n_deviator]."""
     unstressed = segments.length - segments.stuck_elongation
     strain = segments.stuck_elongation / jnp.where(unstressed > 0, unstressed, 1.0)
     strain = jnp.where(unstressed <= 0, 1.0, strain)  # as an end of a bracket only

@@ -145,7 +145,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return floats_per_deviator(getattr(self, name), name, shape)
 
     def rules(self) -> list[Rule]:
-        """Return the rules that numbers of the group must satisfy, those of friction included."""
+        """Return the rules of chains and friction; no law softens, and no radius is negative."""
         radius = Rule("radius", self.radius, lambda v: ~(v >= 0), "must not be negative")
         return [
             *super().rules(),
@@ -155,7 +155,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         ]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the rules for the initial nodes, m, those of saddles with a radius included."""
+        """Return the rules of chains and `saddle_rules` at initial positions `nodes`, m."""
         found = super().rules_at(nodes)
         if self.radius is None:
             return found
@@ -316,7 +316,7 @@ class FrictionCables(DeviatorResults, SlidingCables):
         segments = StraightSegments(self, path.length, elongation, bound, clamped, jack)
         return segments, segment_tensions(segments)
 
-    def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n"]:
+    def stuck_elongations(self, state: OwnState, path: CablePath) -> Float[Array, " n_segment"]:
         """Return present less unstressed lengths of segments if nothing slips now, [n], m."""
         change, before = path.change, path.initial_length
         slip = jnp.pad(state.memory * state.thermal_stretch_or_one, 1)
@@ -327,13 +327,15 @@ class FrictionCables(DeviatorResults, SlidingCables):
         return elongation.at[0].add(-fed[0]) - jnp.where(is_last_segment(before), fed[1], 0.0)
 
     def closed_clamps(
-        self, state: OwnState, length: Float[Array, " n"]
+        self, state: OwnState, length: Float[Array, " n_segment"]
     ) -> Bool[Array, " n_deviator"]:
-        """Return at which deviators one cable is clamped; `length` is of its segments, [n], m."""
+        """Return at which deviators one cable is clamped; `length` is that of its segments, m."""
         return (state.clamped > 0) & (length[1:] > 0) & (length[:-1] > 0)  # no filler is
 
-    def segment_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return the tension of every segment of one cable, [n_end - 1], N; 0 for fillers."""
+    def segment_tension(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_segment"]:
+        """Return the tension of every segment of one cable, [n_segment], N; 0 for fillers."""
         segments, found = self._segments_with_tensions(state, ends, motion)
         return jnp.where(segments.length > 0, found.tension, 0.0)
 

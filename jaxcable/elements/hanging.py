@@ -197,14 +197,14 @@ def stored_energy(
 
 
 def positions_along(
-    part: Float[Array, " n"],
+    part: Float[Array, " n_place"],
     force: Float[Array, " 3"],
     tau: Scalar,
     load: Float[Array, " 3"],
     rest_length: Scalar,
     stiffness: Scalar,
-) -> Float[Array, "n 3"]:
-    """Return points relative to the first end, [n, 3], m, at `part` (0 to 1) of the cable's length.
+) -> Float[Array, "n_place 3"]:
+    """Return points relative to the first end, m, at `part` (0 to 1) of the cable's length.
 
     Every piece of a catenary is a catenary: the same equations hold between 0 and s. `force` is the
     tension vector at mid-length, N; other arguments are as of `solve_catenary`.

@@ -41,23 +41,23 @@ _LARGEST_RATIO = 20.0  # of the slope of a catenary over that of a shallow one
 
 
 class HangingSegments(NamedTuple):
-    """Hanging segments of one cable between its nodes, [n]; fillers have no length.
+    """Hanging segments of one cable between its nodes, [n_segment]; fillers have no length.
 
     Attributes:
         coefficients: of friction.
         chord: from the first to the last end of each segment, [n, 3], m.
-        length: of the chords, [n], m.
-        stuck_elongation: chord minus unstressed length, if nothing slips now, [n], m.
+        length: of the chords, [n_segment], m.
+        stuck_elongation: chord minus unstressed length, if nothing slips now, [n_segment], m.
         load: dead load per unstressed length, [3], N/m.
         stiffness: EA, N.
-        clamped: whether the cable is clamped to a deviator, [n - 1].
+        clamped: whether the cable is clamped to a deviator, [n_deviator].
         jack: None: there is no jack at an end.
     """
 
     coefficients: FrictionCoefficients
-    chord: Float[Array, "n 3"]
-    length: Float[Array, " n"]
-    stuck_elongation: Float[Array, " n"]
+    chord: Float[Array, "n_segment 3"]
+    length: Float[Array, " n_segment"]
+    stuck_elongation: Float[Array, " n_segment"]
     load: Float[Array, " 3"]
     stiffness: Scalar
     clamped: Bool[Array, " n_deviator"]
@@ -68,18 +68,18 @@ class HangingShape(NamedTuple):
     """Tensions and shapes of hanging segments at given unstressed lengths.
 
     Attributes:
-        unstressed: length of each segment, [n], m.
+        unstressed: length of each segment, [n_segment], m.
         force: tension vector at mid-length, [n, 3], N.
-        tension: mean of the tensions at both ends, [n], N.
-        theta: shape parameter of `hanging`, [n].
+        tension: mean of the tensions at both ends, [n_segment], N.
+        theta: shape parameter of `hanging`, [n_segment].
         drop, bound: as of `SegmentTensions`.
     """
 
-    unstressed: Float[Array, " n"]
-    force: Float[Array, "n 3"]
-    tension: Float[Array, " n"]
-    theta: Float[Array, " n"]
-    drop: Float[Array, " n"]
+    unstressed: Float[Array, " n_segment"]
+    force: Float[Array, "n_segment 3"]
+    tension: Float[Array, " n_segment"]
+    theta: Float[Array, " n_segment"]
+    drop: Float[Array, " n_segment"]
     bound: Float[Array, " n_deviator"]
 
 
@@ -97,7 +97,7 @@ def hanging_tensions(segments: HangingSegments) -> tuple[SegmentTensions, Hangin
 
 
 def _hanging_shape(segments, elongation):
-    """Return the `HangingShape` where chords exceed unstressed lengths by `elongation`, [n], m."""
+    """Return the `HangingShape` where chords exceed unstressed lengths by `elongation`, m."""
     real = segments.length > 0
     axis = jnp.asarray([1.0, 0.0, 0.0], segments.chord.dtype)
     length = jnp.where(real, segments.length, 1.0)
@@ -119,7 +119,7 @@ def _hanging_shape(segments, elongation):
 
 
 def _make_segment_tensions(segments, elongation, shape, sign):
-    """Return the `SegmentTensions` of hanging segments with elongations [n], m, and slip signs."""
+    """Return the `SegmentTensions` of hanging segments with elongations, m, and signs of slips."""
     gained = jnp.where(segments.length > 0, segments.stuck_elongation - elongation, 0.0)
     gained = jnp.where(shape.tension > 0, gained, 0.0)
     jack = segments.jack
@@ -128,11 +128,11 @@ def _make_segment_tensions(segments, elongation, shape, sign):
 
 
 def shallow_elongations(
-    segments: HangingSegments, tension: Float[Array, " n"]
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    segments: HangingSegments, tension: Float[Array, " n_segment"]
+) -> tuple[Float[Array, " n_segment"], Float[Array, " n_segment"]]:
     """Return chords less unstressed lengths of shallow cables under tensions, and flexibilities.
 
-    Both are [n], m and m/N: the flexibilities are the derivatives by the tensions.
+    Both are [n_segment], m and m/N: the flexibilities are the derivatives by the tensions.
     """
     weight, unit = magnitude_and_direction(segments.load)
     across2 = segments.length**2 - (segments.chord @ unit) ** 2
@@ -145,7 +145,7 @@ def shallow_elongations(
 
 
 def _residuals(elongation, parameters):
-    """Return `tension_residuals` of hanging segments, [n], N.
+    """Return `tension_residuals` of hanging segments, [n_segment], N.
 
     Of slack ones and fillers: the elongation less the one without slip, m.
     """
@@ -165,29 +165,29 @@ class _SlipSearchState(NamedTuple):
     """State of the search for slips of hanging segments, between two of its steps.
 
     Attributes:
-        elongation: of the segments, [n], m.
-        sign: of the slips, [n - 1].
-        before, tension: elongations and mean tensions of the step before, [n], m and N.
+        elongation: of the segments, [n_segment], m.
+        sign: of the slips, [n_deviator].
+        before, tension: elongations and mean tensions of the step before, [n_segment], m and N.
         ratio: by how much faster the elongations change with tension than those of shallow cables.
-        deep: where the tension rises with the length, [n].
+        deep: where the tension rises with the length, [n_segment].
         moved: largest change of an elongation in this step, m.
         runs_away: whether a deep segment slips.
         steps: their number.
     """
 
-    elongation: Float[Array, " n"]
+    elongation: Float[Array, " n_segment"]
     sign: Float[Array, " n_deviator"]
-    before: Float[Array, " n"]
-    tension: Float[Array, " n"]
-    ratio: Float[Array, " n"]
-    deep: Bool[Array, " n"]
+    before: Float[Array, " n_segment"]
+    tension: Float[Array, " n_segment"]
+    ratio: Float[Array, " n_segment"]
+    deep: Bool[Array, " n_segment"]
     moved: Scalar
     runs_away: Bool[Array, ""]
     steps: Int[Array, ""]
 
 
 def _find_elongations_and_slip_signs(segments):
-    """Search for elongations of hanging segments, [n], m, and the signs of slips, [n - 1].
+    """Search for elongations of hanging segments, [n_segment], m, and slip signs, [n_deviator].
 
     They are NaN where there is no equilibrium, or none was found.
     """
@@ -235,7 +235,7 @@ def _find_elongations_and_slip_signs(segments):
 
 
 def _secant_ratio(segments, s, tension):
-    """Return `ratio` and `deep` of `_SlipSearchState`, [n] each, by secants of two steps."""
+    """Return `ratio` and `deep` of `_SlipSearchState`, [n_segment], by secants of two steps."""
     change = s.elongation - s.before
     expected = (
         shallow_elongations(segments, tension)[0] - shallow_elongations(segments, s.tension)[0]

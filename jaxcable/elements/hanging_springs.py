@@ -61,7 +61,8 @@ def hanging_under_tension(
 ) -> HangingUnderTension:
     """Return forces and spare length of a hanging cable at a tension ``tau - |q| L0/2``, N.
 
-    Other arguments are as of `hanging.solve_catenary`.
+    The mean of the tensions at both ends is tau; it need not be the one of equilibrium between the
+    given ends. Other arguments are as of `hanging.solve_catenary`.
     """
     weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit

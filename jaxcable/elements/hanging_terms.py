@@ -17,22 +17,26 @@ def magnitude_and_direction(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Arr
     return weight, load / jnp.where(heavy, weight, 1.0)
 
 
-def mean_strain_and_theta(tension_strain: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+def mean_strain_and_theta(unknown_strain: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
     """Return mean strain ``tau / EA`` and shape parameter theta (see `hanging`) of a cable.
 
-    Arguments are the tension unknown as a strain, ``(tau - |q| L0/2) / EA``, and ``|q| L0 / EA``.
+    The mean of the tensions at both ends is tau.
+
+    Args:
+        unknown_strain: the tension unknown as a strain, ``(tau - |q| L0/2) / EA``, at least 0.
+        omega: the load as a strain, ``|q| L0 / EA``.
     """
-    positive = (
-        tension_strain > 0
-    )  # it is zero only in a slack cable without load, where theta is zero
-    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, tension_strain, 1.0))
-    return tension_strain + 0.5 * omega, theta
+    # zero only in a slack cable without load, where theta is zero
+    positive = unknown_strain > 0
+    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, unknown_strain, 1.0))
+    return unknown_strain + 0.5 * omega, theta
 
 
 def spring_stiffnesses(strain: Scalar, theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the stiffness across the load, and how much larger the one along the load is.
+    """Return the secant stiffness across the load, and how much larger the one along the load is.
 
-    Both are numbers without unit, to be multiplied by ``EA / L0``; `strain` is the mean one.
+    It is the component of the tension vector at mid-length over that of the chord, in the unit
+    ``EA / L0``. The arguments are the results of `mean_strain_and_theta`.
     """
     bend = theta_coth_minus_1(theta)
     spring = strain / (strain + 1 + bend)

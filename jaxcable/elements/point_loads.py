@@ -80,11 +80,12 @@ class SpanLoads:
         Args:
             rotations: of both ends about y and z, [2, 2], rad.
             sag: as of `SpanLoads`.
-            axial: coefficients of both Legendre polynomials in the axial strain, [2].
+            axial: coefficients of the Legendre polynomials P1 and P2 in the axial strain, [2].
 
         Returns:
-            Displacements along the axis, [k], m; deflections conjugate to moments about y and z,
-            [k, 2], m; rotations about y and z less their linear part between the ends, [k, 2], rad.
+            Displacements along the axis without those of the mean strain, [k], m; deflections
+            ``(-w_z, w_y)``, on which `bending_loads` do work, [k, 2], m; rotations about y and z
+            less their linear part between the ends, [k, 2], rad.
         """
         c, length = self.places, self.length
         along = length * (axial[0] * (c - 1) * c + axial[1] * c * (1 - c) * (1 - 2 * c))
@@ -96,17 +97,17 @@ class SpanLoads:
         return along, way, turn
 
     def clamped_field(
-        self, places: Float[Array, " n"], order: int
-    ) -> tuple[Float[Array, " n"], Float[Array, "n 2"]]:
+        self, places: Float[Array, " n_place"], order: int
+    ) -> tuple[Float[Array, " n_place"], Float[Array, "n_place 2"]]:
         """Return the second field at places, m, or its derivative by the place over the length.
 
         Args:
-            places: from 0 to 1, [n].
+            places: from 0 to 1, [n_place].
             order: 0, or 1 and 2 for derivatives; -1 for its integral from 0.
 
         Returns:
-            The displacement of the neutral axis along the element, [n], and the deflections that
-            are conjugate to moments about y and z, [n, 2].
+            The displacement of the neutral axis along the element, [n_place], and deflections
+            ``(-w_z, w_y)``, as of `field_of_ends`, [n_place, 2].
         """
         s, c, passed = places[:, None], self.places[None], acts_before(self.places, places)
         across, past, before = bending_loads(self.forces), jnp.maximum(s - c, 0.0), 1 - c
@@ -146,9 +147,10 @@ class SpanLoads:
         return total
 
     def shortening(self, rotations: Float[Array, "2 2"], sag: Float[Array, " 2"]) -> Scalar:
-        """Return the shortening of the deflected axis by the second field, over the length.
+        """Return the shortening of the deflected axis by the second field, as a part of the length.
 
-        The arguments are those of `field_of_ends`; that of the first field alone is not in it.
+        The product of both fields is in it, the square of the first one is not. It is zero without
+        a second field. The arguments are those of `field_of_ends`.
         """
         if not self.has_clamped_field:
             return jnp.zeros_like(self.length)
@@ -171,11 +173,15 @@ class SpanLoads:
 class SpanLoadForces(NamedTuple):
     """Contributions of concentrated loads to the forces of an element.
 
+    The first four are minus the derivatives of the work of the loads: external forces are
+    subtracted from internal ones.
+
     Attributes:
-        first, second: to the moments on the ends about y and z, [2], N m.
-        by_sag, by_axial: to the residuals of inner unknowns, [2], N m2 and J.
-        torque: to the moment of loads on the frame, [3], N m.
-        pull: to the derivative of the potential by a line load, [3], m2.
+        first, second: by the rotations of both ends about y and z, moments, [2], N m.
+        by_sag, by_axial: by the inner unknowns: the curvatures `SpanLoads.sag`, [2], N m2, and the
+            coefficients of both Legendre polynomials of the axial strain, [2], J.
+        torque: moment of the loads on the frame of the element, [3], N m.
+        pull: contribution to the derivative of the potential by a line load, [3], m2.
     """
 
     first: Float[Array, " 2"]
@@ -192,7 +198,6 @@ def span_load_forces(
     """Return what concentrated loads add to the forces of an element, `SpanLoadForces`.
 
     They are derivatives of the potential of the loads.
-
 
     `rotations` and `axial` are those of `SpanLoads.field_of_ends`, `tension` is the axial force,
     its mean along the element, N.

@@ -127,9 +127,10 @@ class Prestressed(Prestressable):
     def unstressed_state(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> AxialState:
-        """Return a state without stress: unstressed lengths are those of the initial chords.
+        """Return a state without stress or prestress at the initial positions `ends`, m.
 
-        Elements that are `slack`, [n_elem] bool, have twice this length.
+        Unstressed lengths are the initial chords. Elements that are `slack`, [n_elem] bool, have
+        twice this length, so that they stay slack under small displacements.
         """
         chord = self.chord(ends)
         longer = jnp.where(slack, chord, 0.0)

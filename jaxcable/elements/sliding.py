@@ -236,8 +236,8 @@ def _vectors_with_lengths(piece):
 
 def segment_length_changes(
     ends: Ends, motion: Motion
-) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
-    """Return the changes of the lengths of all pieces of a cable, [n], m, and both lengths.
+) -> tuple[Float[Array, " n_segment"], Float[Array, " n_segment"], Float[Array, " n_segment"]]:
+    """Return the changes of the lengths of all segments of a cable, m, and both lengths.
 
     The changes are computed without subtracting lengths, so that they keep their digits.
     """

@@ -131,14 +131,21 @@ class SlidingCatenaries(FrictionCables):
         )
         return segments, *hanging_tensions(segments)
 
-    def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n 2"]:
-        """Return the tensions at both ends of every segment of one cable, [n, 2], N."""
+    def end_tensions(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_segment 2"]:
+        """Return the tensions at both ends of every segment of one cable, [n_segment, 2], N.
+
+        They are zero in segments of length zero, with which shorter cables are filled up.
+        """
         segments, found = self._segments_with_tensions(state, ends, motion)
         both = jnp.stack([found.tension + found.drop, found.tension - found.drop], axis=1)
         return jnp.where(segments.length[:, None] > 0, both, 0.0)
 
-    def segment_pull(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n 6"]:
-        """Return the forces of every segment on the nodes at its first and last end, [n, 6], N.
+    def segment_pull(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_segment 6"]:
+        """Return the forces of every segment on the nodes at its first and last end, N.
 
         The sum of a pair is the load on the segment.
         """
@@ -146,16 +153,20 @@ class SlidingCatenaries(FrictionCables):
         half = 0.5 * shape.unstressed[:, None] * segments.load[None]
         return jnp.concatenate([half + shape.force, half - shape.force], axis=1)
 
-    def segment_length(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return the unstressed lengths of the segments of one cable, [n], m."""
+    def segment_length(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_segment"]:
+        """Return the unstressed lengths of the segments of one cable, [n_segment], m."""
         return self._solve_shape(state, ends, motion)[2].unstressed
 
     def peak_tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Return the largest tension along one cable, N."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
-    def segment_sag(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " n"]:
-        """Return the distances of the segments of one cable from their chords, [n], m.
+    def segment_sag(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, " n_segment"]:
+        """Return the distances of the segments of one cable from their chords, [n_segment], m.
 
         They are taken at midspan, along the load; NaN without load.
         """
@@ -196,8 +207,10 @@ class SlidingCatenaries(FrictionCables):
         return (now - state.rest_length * share[:, None]) * segments.load[None]
 
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return energy and potential of the load of one cable, less that of its shares, J.
+        """Return the energy of one cable, J: of strain, of its load, and lost by friction.
 
+        Added to the strain energy is the potential of the load along the cable; subtracted is that
+        of the shares of the load that act at its nodes, which the structure has as nodal forces.
         What friction dissipates in the increment is added, as in `FrictionCables.energy`.
         """
         segments, found, shape = self._solve_shape(state, ends, motion)

@@ -34,34 +34,35 @@ class Jack(NamedTuple):
 
 
 class SlipProblem(NamedTuple):
-    """Input of the search for slips: the segments of one cable, [n].
+    """Input of the search for slips: the segments of one cable, [n_segment].
 
     Attributes:
-        stuck: tension of each segment if nothing slips in this increment, [n], N.
-        stuck_elongation: present length minus unstressed length then, [n], m.
-        is_real: False for segments that only fill up a shorter chain, [n].
+        stuck: tension of each segment if nothing slips in this increment, [n_segment], N.
+        stuck_elongation: present length minus unstressed length then, [n_segment], m.
+        is_real: False for segments that only fill up a shorter chain, [n_segment].
         bound: largest logarithm of the ratio of the tensions on both sides of every deviator,
-            [n - 1]; infinite at a clamp, zero beside segments that only fill up.
+            [n_deviator]; infinite at a clamp, zero beside segments that only fill up.
         drop: by how much the tension at the first end of each segment exceeds its mean, and that at
-            the last one falls short of it, [n], N; None: segments without weight.
-        elongations_and_flexibilities: function of the tensions, [n], N, that returns the present
-            less the unstressed length under them, m, which increases, and its derivatives, m/N.
+            the last one falls short of it, [n_segment], N; None: segments without weight.
+        elongations_and_flexibilities: function of the tensions, [n_segment], N, that returns the
+            present less the unstressed length under them, m, which increases, and its derivatives,
+            m/N.
         jack: None: there is no jack at an end.
     """
 
-    stuck: Float[Array, " n"]
-    stuck_elongation: Float[Array, " n"]
-    is_real: Bool[Array, " n"]
+    stuck: Float[Array, " n_segment"]
+    stuck_elongation: Float[Array, " n_segment"]
+    is_real: Bool[Array, " n_segment"]
     bound: Float[Array, " n_deviator"]
-    drop: Float[Array, " n"] | None
+    drop: Float[Array, " n_segment"] | None
     elongations_and_flexibilities: Callable[[Array], tuple[Array, Array]]
     jack: Jack | None
 
 
 def tensions_and_slip_signs(
     segments: SlipProblem,
-) -> tuple[Float[Array, " n"], Float[Array, " n_deviator"]]:
-    """Return the tensions of all segments, [n], N, and the signs of slips at deviators, [n - 1].
+) -> tuple[Float[Array, " n_segment"], Float[Array, " n_deviator"]]:
+    """Return tensions of all segments, [n_segment], N, and signs of slips, [n_deviator].
 
     A sign is 1 where the cable slips towards the next segment, -1 where it slips back, else 0.
     """
@@ -109,7 +110,7 @@ def _tension_limits_before(later, drops, ratio):
 
 
 def _prefix_minimizing_tensions(segments, growth, drop):
-    """Return for each segment the tension that minimizes the sum up to it, [n], and the last, N."""
+    """Return the tension of each segment that minimizes the sum up to it, and the last one, N."""
     zero = jnp.zeros_like(segments.stuck)
     reach = zero[0], zero[0] + jnp.inf
     first = segments.stuck[0]
@@ -154,9 +155,9 @@ def _minimizing_tension(segments, growth, drop, best, i, alone, reach):
 
     Args:
         segments: `SlipProblem`.
-        growth: largest ratios of tensions at the deviators, [n - 1].
+        growth: largest ratios of tensions at the deviators, [n_deviator].
         drop: as of `SlipProblem`, but no None.
-        best: best tensions for the segments up to each one before i, [n].
+        best: best tensions for the segments up to each one before i, [n_segment].
         i: index of the segment.
         alone: tension of segment i without slip, N.
         reach: smallest and largest tension that friction allows beside a jack, N.

@@ -142,7 +142,7 @@ class Springs(GroundElement):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the stiffness and the axes of the springs, a list."""
+        """Return the rules: stiffness is not negative, axes are unit vectors at right angles."""
         text = "expected three unit vectors at right angles, one in each row"
         return [
             not_negative("stiffness", self.stiffness),
@@ -280,7 +280,7 @@ class GroundContacts(GroundElement):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the stiffness and the normals of the bearings, a list."""
+        """Return the rules that stiffness is positive, and the normal is not zero, a list."""
 
         def has_no_length(normal):
             return (normal == 0).all(axis=-1)

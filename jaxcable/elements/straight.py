@@ -91,7 +91,11 @@ class Straight(Axial, Prestressed, Uniaxial):
         return checks.floats_per_element(getattr(self, name), len(self.links), name)
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on numbers of the group, such as positive areas, a list."""
+        """Return the conditions on numbers of the group, a list of `Rule`.
+
+        Stiffness, area, length and strength are positive; weight and compliance are not negative.
+        With a compliance no law softens.
+        """
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]

@@ -137,11 +137,7 @@ class _MethodTrial:
         """Yield the faults of all methods; `tol` and `conservative` are as for `contract.check`."""
         sizes = (self.n_end, self.group.n_freedom)
         square = 2 * (sizes[0] * sizes[1],)
-        shapes = {
-            "end_forces": (sizes,),
-            "energy": ((),),
-            "tangent": ((*sizes, *sizes), square),
-        }
+        shapes = {"end_forces": (sizes,), "energy": ((),), "tangent": ((*sizes, *sizes), square)}
         still, bad = self._zero_motion(), []
         for name, allowed in shapes.items():
             for where, motion in (("", None), (" before any motion", still)):

@@ -109,9 +109,11 @@ class InteriorPointState:
 
 
 @pytree
-class LengthBoundEquations:
+class TensionStepEquations:
     """Linear equations of one step of a net with hanging cables or curved laws.
 
+    The mode of `unknowns` decides whether it is a mixed step (Newton's for displacements and
+    tensions) or an interior one (of the interior-point method, by bounds on the lengths).
     After the step, the tension of a cable is ``base_tension + slope (change of length)``.
 
     Attributes:
@@ -150,7 +152,7 @@ class LengthBoundEquations:
         load: Float[Array, ""],
         length: Float[Array, ""],
         assemble_residual: Callable[[EndForces], Step] | None = None,
-    ) -> LengthBoundEquations:
+    ) -> TensionStepEquations:
         """Return the equations of the next step from `x`, as the mode of `unknowns` says.
 
         A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
@@ -202,7 +204,7 @@ class LengthBoundEquations:
         product = jnp.where(free, tension * under.slack_beyond_sag(slack), 0.0)
         centering = unknowns.interior_point.centering
         centering = jnp.where(unknowns.is_new_mode, _FIRST_CENTERING, centering)
-        target, falls = under.target_product(
+        target, falls = under.target_product_and_slope(
             centering * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1)
         )
         damping = jnp.where(unknowns.is_new_mode, 0.0, unknowns.interior_point.damping)
@@ -233,9 +235,11 @@ class LengthBoundEquations:
         x: Motion,
         residual: Float[Array, ""],
     ) -> Matrix:
-        """Assemble the matrix of the equations at `x`, with a shift of its diagonal, N/m.
+        """Assemble the matrix of the equations at `x`, of the displacements only, N/m.
 
-        `residual` is the largest residual, N, by which the shift of mixed steps is chosen.
+        The tensions are eliminated. The diagonal has a shift, which exceeds its rounding: interior
+        steps have that of their own `damping`; for mixed steps it follows from `residual`, the
+        largest residual, N.
         """
         unknowns = self.unknowns
         tensions = select_tree(

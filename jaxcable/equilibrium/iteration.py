@@ -45,7 +45,7 @@ class NewtonIteration:
         self.judges_stability = judges_stability & ~system.convex
         self.only_evaluates = only_evaluates
         self.convergence = Convergence(settings, criterion, x.dtype)
-        self.begin = system.impose_supports(system.with_low_order_part(x))
+        self.begin = system.impose_supports(system.with_zero_low_order_part(x))
         kind = NetSteps if system.is_net else StructureSteps
         self.method: StepMethod = kind(system, self.begin, self.convergence)
 

@@ -81,7 +81,10 @@ class NetSteps(StepMethod):
         return self.evaluate_at(x, ~state.progress.has_begun | self._needs_low_part(state.point))
 
     def _needs_low_part(self, point):
-        """Return whether the next point needs the low-order part of displacements."""
+        """Return whether the next point needs the low-order part of displacements.
+
+        It does if rounding at `point`, N, exceeds a part of the tolerance of the residual, N.
+        """
         # rounding is that of a fine part, of eps times the displacement and not eps^2
         eps, least = jnp.finfo(point.scale.dtype).eps, point.scale
         if self.convergence.criterion is not None:
@@ -135,7 +138,7 @@ class NetSteps(StepMethod):
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
-        """Make the next step of displacements and tensions: Newton or interior-point method.
+        """Propose the next step of displacements and tensions: Newton or interior-point method.
 
         Arguments are those of `StepMethod.make_step`.
         """

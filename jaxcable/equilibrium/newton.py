@@ -124,7 +124,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """Return the rules of `tol` and `max_steps`, a list of `Rule`; a NaN breaks them."""
+        """Return the rules 0 < `tol` < 1 and `max_steps` whole, positive; a NaN breaks them."""
         large = "must be below 1: it is relative to the forces, and any state would meet 1"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
@@ -311,7 +311,7 @@ def solve_increments(
         factored: last factored matrix.
     """
     begun = ramp.initial_system()
-    x = first = begun.with_low_order_part(x)
+    x = first = begun.with_zero_low_order_part(x)
     largest_added = ramp.largest_added_load(begun, increments[0]) if ramp.has_amplitudes else None
 
     def solve_increment(carry, increment):

@@ -31,7 +31,7 @@ from ..mechanics.assembly import EndForces, System
 from ..mechanics.chords import has_chord, n_chord
 from ..mechanics.tension_responses import CableTensions, net_stiffness
 from ..spaces.space import Motion, Step
-from .interior_point import LengthBoundEquations
+from .interior_point import TensionStepEquations
 from .newton_step import max_abs
 from .tension_unknowns import TensionUnknowns, largest_load
 
@@ -90,7 +90,7 @@ class PartialNet:
         unknowns: TensionUnknowns,
         residual: Step,
         length: Float[Array, ""],
-    ) -> LengthBoundEquations:
+    ) -> TensionStepEquations:
         """Return the linear equations of the cables for the next step from `x`.
 
         Their right side, [n_free], N, is that of the whole structure.
@@ -115,13 +115,13 @@ class PartialNet:
         best = jnp.where(unknowns.is_new_mode, max_abs(residual), unknowns.best_residual)
         unknowns = copy_with(unknowns, best_residual=best)
         given = unknowns, self.net, x, responses, residual, unknowns.guess, largest, length
-        return LengthBoundEquations.at_point(*given, assemble_residual=assemble_residual)
+        return TensionStepEquations.at_point(*given, assemble_residual=assemble_residual)
 
     def tangents(
         self,
         x: Motion,
         elements: tuple[CableTensions, tuple[EndForces, list[Any]]],
-        equations: LengthBoundEquations,
+        equations: TensionStepEquations,
     ) -> list[Float[Array, "n_elem d d"]]:
         """Return the stiffness matrices of all elements at `x`, [n_elem, d, d] per group, N/m.
 
@@ -173,7 +173,7 @@ class PartialNet:
         return jnp.where(replaced, tensions, predicted)
 
     def take_step(
-        self, x: Motion, step: Step, sound: Bool[Array, ""], equations: LengthBoundEquations
+        self, x: Motion, step: Step, sound: Bool[Array, ""], equations: TensionStepEquations
     ) -> tuple[TensionUnknowns, Float[Array, ""]]:
         """Update the tensions of the cables by a step, the solution of the linear equations.
 

@@ -183,5 +183,14 @@ class StepMethod:
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
-        """Make the next step; at an equilibrium only find out whether the tangent is definite."""
+        """Propose the next step; at an equilibrium only find out whether the tangent is definite.
+
+        The step is not taken: a `NextStep` has its direction, whether it is usable, and the state
+        of the method after it.
+
+        Args:
+            state: `NewtonState`, with the chosen kind of step.
+            converged: whether its point is an equilibrium.
+            wanted: False if the result does not matter (a finished case of a batch).
+        """
         raise NotImplementedError

@@ -24,7 +24,7 @@ from ..numerics.line_search import LineSearch
 from ..spaces.space import Motion
 from .convergence import Convergence
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
-from .interior_point import LengthBoundEquations
+from .interior_point import TensionStepEquations
 from .newton_state import Evaluation, NewtonState
 from .newton_step import (
     max_abs,
@@ -78,7 +78,7 @@ class StepMatrix(NamedTuple):
     matrix: Matrix
     predicting: Bool[Array, ""] | None
     tangents: list[Float[Array, "n_elem d d"]] | None
-    cable_equations: LengthBoundEquations | None
+    cable_equations: TensionStepEquations | None
     chords: Chords | None
     springs: Float[Array, " n_free"] | None
 
@@ -188,7 +188,7 @@ class StructureSteps(StepMethod):
     def make_step(
         self, state: NewtonState, converged: Bool[Array, ""], wanted: Bool[Array, ""]
     ) -> NextStep:
-        """Make the next step; at an equilibrium only find out whether the tangent is definite."""
+        """Propose the next step, of displacements; arguments as of `StepMethod.make_step`."""
         own, system, point = state.strategy, self.system, state.point
         is_full, repeats = jnp.zeros((), bool), jnp.zeros((), bool)
         fraction: Float[ArrayLike, ""] = 1.0

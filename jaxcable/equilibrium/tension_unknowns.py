@@ -45,7 +45,7 @@ from ..mechanics.tension_responses import CableTensions, prescribed_tensions, re
 from ..spaces.space import Motion
 from .conic_equations import ConicEquations
 from .conic_interior_point import ConicInteriorPointState
-from .interior_point import InteriorPointState, LengthBoundEquations
+from .interior_point import InteriorPointState, TensionStepEquations
 from .newton_state import Evaluation
 from .newton_step import max_abs
 
@@ -302,7 +302,7 @@ class TensionUnknowns:
         residual: Float[Array, " n_free"],
         load: Float[Array, ""],
         length: Float[Array, ""],
-    ) -> ConicEquations | LengthBoundEquations:
+    ) -> ConicEquations | TensionStepEquations:
         """Return the linear equations of the next step from x.
 
         Args:
@@ -318,7 +318,7 @@ class TensionUnknowns:
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
         unknowns = copy_with(self, best_residual=best)
-        kind: Any = ConicEquations if self.has_cones else LengthBoundEquations
+        kind: Any = ConicEquations if self.has_cones else TensionStepEquations
         return kind.at_point(unknowns, system, x, responses, residual, guess, load, length)
 
 

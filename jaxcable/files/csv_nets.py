@@ -85,7 +85,7 @@ def read_csv(
             raise FileError(f"{line.place}: node {name!r} occurs twice")
         names[name] = len(names)
         places.append([line.number(axis) for axis in "xyz"])
-        fixed.append(_held_directions(line))
+        fixed.append(_is_held_by_direction(line))
         loads.append([line.number("f" + axis, 0.0) for axis in "xyz"])
     pairs, kinds, groups, values = [], [], [], {}
     known = (*GROUP_PROPERTIES, *PRESTRESS_INPUTS)
@@ -138,23 +138,23 @@ def _column_aliases(columns):
     return dict(zip(words, columns, strict=True))
 
 
-def _held_directions(line):
+def _is_held_by_direction(line):
     """Return whether x, y and z of a node are held, three bools, by its ``support`` or ``free``.
 
     `line` is the `TableRow` of the node. Raise FileError if both fields are given, or a field
     cannot be read.
     """
     if "free" not in line.fields:
-        return _parse_directions(line, "support")
+        return _is_direction_named(line, "support")
     if line.text("support"):
         raise FileError(f"{line.place}: has both support and free; give one")
     if not line.text("free"):
         raise FileError(f"{line.place}: free: is empty; expected 0, 1 or some of xyz")
-    return [not free for free in _parse_directions(line, "free")]
+    return [not free for free in _is_direction_named(line, "free")]
 
 
-def _parse_directions(line, column):
-    """Return which of x, y, z a field of a `TableRow` names (0, 1 or "xz"), a list of bools."""
+def _is_direction_named(line, column):
+    """Return whether a field of a `TableRow` (0, 1 or "xz") names x, y and z, three bools."""
     word = line.text(column).lower()
     if word in _WORDS:
         return [_WORDS[word]] * 3

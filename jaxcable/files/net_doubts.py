@@ -139,10 +139,10 @@ def describe_likely_mistakes(
     return told
 
 
-def _first_crossing_position(nodes, links, found):
-    """Return the position of the first of the `Crossings` on the first of its links, [1, 3], m."""
-    first, last = nodes[links[found.pairs[0, 0]]]
-    return (first + found.fractions[0, 0] * (last - first))[None]
+def _first_crossing_position(nodes, links, crossings):
+    """Return where the first of the `Crossings` is, on the first of its two links, [1, 3], m."""
+    first, last = nodes[links[crossings.pairs[0, 0]]]
+    return (first + crossings.fractions[0, 0] * (last - first))[None]
 
 
 def format_position(node: Float[np.ndarray, " 3"], units: Units = SI) -> str:

@@ -341,7 +341,9 @@ class Net:
     def _require_connection_to_supports(self, held):
         """Raise ValueError if a part of the net has no supported node; warn of likely mistakes.
 
-        `held` says which nodes are supported, [n_node] bool.
+        These are nodes close to each other, links that cross without a node, and ends that almost
+        touch a link; an error has them as its hint. Nodes without links do not count. `held` says
+        which nodes are supported, [n_node] bool.
         """
         told = net_doubts.describe_likely_mistakes(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)

@@ -28,8 +28,9 @@ def save_network(
 ) -> list[Path]:
     """Write a structure as a Graph, or a Mesh, that compas 2 opens and `read_network` reads.
 
-    - Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held, and the load
-      ``px, py, pz`` (N). Supports in some directions only are left out, with an `InputWarning`.
+    - Nodes have ``x, y, z`` (m), and ``is_support`` where all displacements are held. With a
+      solution they also have the load ``px, py, pz`` (N). Supports in some directions only are left
+      out, with an `InputWarning`.
     - Edges are the straight pieces of elements, with ``group`` and the length ``l`` (m). With a
       solution they also have the force ``f`` (N), the force density ``q = f / l`` (N/m) and, for
       elements of two nodes, the unstressed length ``l0`` (m). The force of a catenary is the mean

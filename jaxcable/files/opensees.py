@@ -110,7 +110,10 @@ def save_opensees(
 
 
 def require_exportable(structure: Structure) -> None:
-    """Raise ValueError if elements of a structure have no counterpart in OpenSees."""
+    """Raise ValueError if elements of a structure have no counterpart in OpenSees.
+
+    It has straight elements of two nodes whose laws have no plastic strains.
+    """
     for name, group in named_groups_of(structure):
         name = name or "elements"
         if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:

@@ -94,7 +94,7 @@ def most_shortened_element(
     return links[jnp.argmin(ratio)]
 
 
-def make_form(
+def make_judged_form(
     groups: Sequence[Any],
     positions: Float[Array, "n_node 3"],
     tensions: Sequence[Any],
@@ -107,10 +107,11 @@ def make_form(
     rests: Sequence[Any] | None = None,
     follows_law: Sequence[bool] | None = None,
 ) -> Form:
-    """Make a `Form` from a shape and its forces, whose values per element are lists of groups.
+    """Judge a shape and its forces, and make the `Form`, whose values per element are lists.
 
-    The status is PUSHING_CABLE if a cable is in compression, and MATERIAL_FAILURE if a law cannot
-    carry its force. `arrange_form_as_elements` gives the lists the pytree of the elements.
+    Of a search without failure the status becomes PUSHING_CABLE if a cable is in compression, and
+    MATERIAL_FAILURE if a law cannot carry its force. A failed form has NaN.
+    `arrange_form_as_elements` gives the lists the pytree of the elements.
 
     Args:
         groups: element groups, with links as arrays.
@@ -173,6 +174,6 @@ def _lengths_along_nodes(group, ends):
 
 
 def arrange_form_as_elements(form: Form, structure: Structure) -> Form:
-    """Return a `Form` from `make_form` with its lists per group in the pytree of the elements."""
+    """Return a `Form` of `make_judged_form`, its lists of groups in the pytree of the elements."""
     names = ("tension", "length", "rest_length", "force_density")
     return copy_with(form, **{name: structure.arrange(getattr(form, name)) for name in names})

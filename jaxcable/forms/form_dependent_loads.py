@@ -116,7 +116,7 @@ class FormDependentLoads:
         for load in self.loads:
             if isinstance(load, AreaLoads):
                 forces = jnp.broadcast_to(load.forces, (len(load.faces), 3))
-                yield _face_force_function(load), (forces,), load.faces
+                yield _corner_force_function(load), (forces,), load.faces
                 continue
             for index, group in _loaded_groups(load, self.groups):
                 part = None if load.element_factors is None else load.element_factors[index]
@@ -160,8 +160,11 @@ class FormDependentLoads:
         ]
 
 
-def _face_force_function(load):
-    """Return the function from corners [k, 3], m, and load [3], N/m2, of a face to corner loads."""
+def _corner_force_function(load):
+    """Return the function that gives the forces at the corners of a face, [k, 3], N.
+
+    It takes the positions of the corners, [k, 3], m, and the load per area, [3], N/m2.
+    """
 
     def force(corners, forces):
         alone = copy_with(load, faces=jnp.arange(len(corners))[None], forces=forces)

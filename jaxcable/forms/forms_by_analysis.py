@@ -51,7 +51,7 @@ from ..loads.load import DeadLoad
 from ..model.structure import Structure
 from ..numerics import implicit
 from ..programs.program_calls import as_program
-from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
+from .form import Form, arrange_form_as_elements, make_judged_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads
 from .given_lengths import length_error
 from .input_checks import input_status
@@ -242,7 +242,7 @@ def _find_form(structure, prescribed, passed, dependent, method):
     groups = merge_indices(*split_indices(groups))
     chosen = [group for group, own in zip(groups, is_prescribed, strict=True) if own]
     met = most_shortened_element(chosen, *lax.stop_gradient((nodes, last.positions)))
-    form = make_form(
+    form = make_judged_form(
         *(groups, last.positions, tensions, code, path.residual[-1], jnp.ones((), nodes.dtype)),
         *(jnp.int32(steps) + jnp.sum(path.iterations), parameters, met, rests, is_prescribed),
     )

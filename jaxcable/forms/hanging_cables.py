@@ -135,7 +135,10 @@ def _map_over_catenaries(structure, state, function):
 
 
 def _positions_at(shape, parts):
-    """Return positions on one element, [n, 3], m, at fractions `parts` of its unstressed length."""
+    """Return positions on one element, [n, 3], m, at fractions `parts` of its unstressed length.
+
+    `shape` is its `ElementShapes`.
+    """
     return jax.vmap(shape.point)(parts)
 
 

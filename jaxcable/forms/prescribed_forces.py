@@ -38,7 +38,7 @@ from ..spaces.dof_map import make_dof_map
 from . import given_lengths
 from .force_density import number_unknowns_by_axis, start_displacements_by_force_density
 from .force_elements import ForceElementNet
-from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
+from .form import Form, arrange_form_as_elements, make_judged_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
 from .forms_by_analysis import find_form_by_analysis, needs_analysis
 from .input_checks import (
@@ -262,7 +262,7 @@ def _solve_form(
     positions = jnp.where(valid, found_nodes, nodes)
     worst = jnp.max(jnp.abs(residual), initial=0.0)
     met = most_shortened_element(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
-    return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
+    return make_judged_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
 def _force_densities(net, ends):

@@ -41,7 +41,7 @@ from ..model.supports import FixedDofs
 from ..numerics import implicit, scaled
 from ..programs.program_calls import as_program
 from ..spaces.dof_map import make_dof_map
-from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
+from .form import Form, arrange_form_as_elements, make_judged_form, most_shortened_element
 from .form_dependent_loads import split_loads
 from .input_checks import (
     input_status,
@@ -287,7 +287,7 @@ def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps
     torn = jnp.where(system.is_ruptured(motion), status.MATERIAL_FAILURE, status.OK)
     code = status.first_failure(input_status(*parameters[:2]), status.first_failure(code, torn))
     residual, positions = jnp.max(jnp.abs(end.force), initial=0.0), nodes + motion
-    form = make_form(
+    form = make_judged_form(
         *(groups, positions, system.tensions(motion), code, residual, end.scale, end.steps, ()),
         most_shortened_element(groups, nodes, positions),
         of_elements(_unstressed_length, motion),

@@ -165,10 +165,10 @@ def _gather_rows_or_zero(array, positions):
     """Return the rows of an array at these positions; past its end, zeros."""
     rows = _gather_rows(array, positions)
     return jnp.where(
-        _broadcast_row_mask(positions < len(array), rows), rows, jnp.zeros((), rows.dtype)
+        _append_axes_to_mask(positions < len(array), rows), rows, jnp.zeros((), rows.dtype)
     )
 
 
-def _broadcast_row_mask(mask, rows):
-    """Reshape a mask with one entry per row so that it broadcasts over the entries of `rows`."""
+def _append_axes_to_mask(mask, rows):
+    """Append axes of length 1 to a mask of rows, so that it broadcasts against `rows`."""
     return mask.reshape(*mask.shape, *(1,) * (rows.ndim - mask.ndim))

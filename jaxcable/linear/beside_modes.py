@@ -50,7 +50,11 @@ def solve_beside_modes(
 
 @host_calls.register_host_function_family
 def make_beside_solver(solver, stored):
-    """Return the NumPy function of `solve_beside_modes` for all cases of a batch."""
+    """Return the NumPy function of `solve_beside_modes` for all cases of a batch.
+
+    `solver` and `stored` are as of `make_pair`. The function takes digest and pattern of the
+    matrices, their values, and what `solve_beside_modes` passes beside them; it returns x and y.
+    """
 
     def function(digest, indptr, indices, *arrays):
         batch, rows = host.flatten_batch(arrays[:-1], arrays[-1:])

@@ -52,7 +52,10 @@ class SparsePair:
         mass: Float[np.ndarray, " n_value"],
         loose: Bool[np.ndarray, " n"],
     ) -> tuple[Float[np.ndarray, " n_value"], Float[np.ndarray, " n_value"]]:
-        """Return values of K with rows of the identity, and of M with zeros, for loose unknowns."""
+        """Return the values of K and M without the `loose` unknowns.
+
+        Their rows and columns become those of the identity in K, and zero in M.
+        """
         a = self.analysed
         touched = loose[a.rows] | loose[a.indices]
         return host.with_identity_rows(a, stiffness, loose), np.where(touched, 0.0, mass)
@@ -115,7 +118,14 @@ class DensePair:
 def make_pair(
     solver: str, stored: str, pattern: Sequence[np.ndarray], n: int
 ) -> SparsePair | DensePair:
-    """Return the `SparsePair` or `DensePair` of matrices with n unknowns, from host arguments."""
+    """Return the `SparsePair` or `DensePair` of matrices with n unknowns, from host arguments.
+
+    Args:
+        solver: name of the direct solver; "dense" for a `DensePair`.
+        stored: "symmetric" if the pattern has the upper triangle only, else "general".
+        pattern: digest, row pointers and column indices.
+        n: number of unknowns.
+    """
     if solver == "dense":
         return DensePair(n)
     return SparsePair(solver, stored, host.take_first_case(*pattern))

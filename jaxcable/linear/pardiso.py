@@ -209,8 +209,11 @@ class Pardiso(solver.Solver):
     analysis = _PardisoAnalysis
     exchanges_rows = False  # it exchanges only rows that are near each other
 
-    def load_library(self) -> None:
-        """Begin to load MKL in another thread, while the program is compiled or read from disk."""
+    def begin_loading_library(self) -> None:
+        """Begin to load MKL in another thread, and return at once.
+
+        The program is compiled, or read from disk, meanwhile.
+        """
         threading.Thread(target=load_mkl, daemon=True).start()
 
     def is_suitable_for(self, n: int, banded: bool) -> bool:

@@ -109,7 +109,7 @@ def make_pattern(
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
     assert (row[diagonal] == indices[diagonal]).all()  # every unknown belongs to an element
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
-    solver.load_library()
+    solver.begin_loading_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
     arrays = indptr, indices, unsigned_indices(diagonal), row, np.frombuffer(digest, np.uint32)

@@ -63,8 +63,8 @@ class Solver:
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
 
-    def load_library(self) -> None:
-        """Begin to load the solver's library, before a program is compiled or read from disk."""
+    def begin_loading_library(self) -> None:
+        """Begin to load the solver's library and return at once; before a program is compiled."""
         return None
 
     def is_suitable_for(self, n: int, banded: bool) -> bool:

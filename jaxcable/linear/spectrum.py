@@ -119,15 +119,15 @@ def _spectrum_of_unsymmetric(matrix, sure):
     """
     left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED_UNKNOWNS:
-        number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
+        count, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
-        shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = host_calls.call_on_host([make_eigenvalue_counter], shapes, matrix, sure)
-    return number, sign * values[-1], right[-1], left[:, -1]
+        out = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
+        count, sign = host_calls.call_on_host([make_negative_eigenvalue_counter], out, matrix, sure)
+    return count, sign * values[-1], right[-1], left[:, -1]
 
 
 @host_calls.register_host_function_family
-def make_eigenvalue_counter():
+def make_negative_eigenvalue_counter():
     """Return the NumPy function that counts negative eigenvalues of dense unsymmetric matrices."""
     return _count_negative_eigenvalues
 

@@ -223,7 +223,11 @@ class LineSection:
                 raise ValueError(f"string_length[{k}]: {text}")
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers must satisfy, a list of `Rule`."""
+        """Return the rules of the numbers, those of the conductor included, a list of `Rule`.
+
+        Stations of towers and of the profile increase; lengths and weights of strings are not
+        negative.
+        """
         step = self.station[1:] - self.station[:-1]
         return [
             *self.conductor.rules(),

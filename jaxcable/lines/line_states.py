@@ -89,7 +89,7 @@ class LineState:
         set_fields(self, extra=nan_if_broken(not_negative("extra", self.extra)))
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers must satisfy, a list of `Rule`."""
+        """Return the rules that ice, wind, drag and extra load are not negative, a list."""
         names = ("ice", "wind", "drag", "extra", "ice_density")
         return [not_negative(name, getattr(self, name)) for name in names]
 

@@ -77,7 +77,7 @@ class OnFaces(OnGroups):
     faces: Int[ArrayLike, "n_face 3or4"] | None
 
     def _check_faces(self):
-        """Raise ValueError for invalid faces, faces beside a group, or values of wrong shape."""
+        """Raise ValueError for wrong faces or values, or faces beside `on` or `elements`."""
         self._check_selection()
         if self.faces is None:
             return self._check_value_shape()

@@ -226,7 +226,7 @@ def scatter_to_elements(
     return found
 
 
-def join_columns(
+def concatenate_last_axis(
     parts: Sequence[Float[ArrayLike, "... k"]],
 ) -> Float[Array | np.ndarray, "... n"]:
     """Concatenate arrays along the last axis, by NumPy unless one is traced."""

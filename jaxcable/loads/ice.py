@@ -85,7 +85,7 @@ class IceLoads(AlongElements):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rules that thickness, diameter and density are not negative, a list."""
         names = ("thickness", "diameter", "density")
         return [not_negative(name, getattr(self, name)) for name in names]
 

@@ -15,7 +15,7 @@ from ..model.result_parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
 from .along import AlongElements, require_known_geometry
-from .groups import Key, join_columns, scatter_to_elements
+from .groups import Key, concatenate_last_axis, scatter_to_elements
 from .load import LoadPerGeometry
 from .member_values import require_members
 
@@ -157,7 +157,7 @@ class LineLoads(AlongElements, LoadPerGeometry):
             load = copy_with(load, factor=np.ones(()))
         if jnp.ndim(self.forces) > 1:
             forces = scatter_to_elements(count, index, self.forces)
-            values = join_columns([values[:, None], forces])
+            values = concatenate_last_axis([values[:, None], forces])
             load = copy_with(load, forces=np.zeros(3))
         return copy_with(load, element_factors={number: values})
 

@@ -84,7 +84,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return copy_with(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rules that the numbers of the load must satisfy, a list; by default none."""
         return []
 
     def __str__(self) -> str:

@@ -70,7 +70,7 @@ class PointMasses(OnNodes):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rule that masses are not negative, a list of one `Rule`."""
         return [not_negative("masses", self.masses)]
 
     def check(self, structure: Structure) -> None:
@@ -96,7 +96,10 @@ class PointMasses(OnNodes):
         return self.nodes, self._weights()
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return forces, N, and zero moments on all nodes, in an array of `shape` (n, 3 or 6)."""
+        """Return the weights ``mass gravity direction``, N, of all nodes, and no moments.
+
+        `shape` is that of the result, (n_node, 3 or 6).
+        """
         return scatter_to_nodes(self.nodes, (self._weights(), None), shape, dtype)
 
     def _weights(self):

@@ -60,7 +60,7 @@ class SupportMovement(PrescribedMovement):
             plausibility.warn_of_degrees("rotations", turn)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if a node is unknown to the structure."""
+        """Raise ValueError for an unknown node, or rotations of a node that has none."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None:
             require_rotations(structure, self.nodes.array, "rotations")

@@ -103,7 +103,7 @@ def net_faces(
             plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing]
         )
         if lines:
-            _require_uncrossed_lines(plan, lines, edges)
+            _require_uncrossed_border_lines(plan, lines, edges)
             closed, rings = rings, _trace_rings(plan, edges | lines)
             if border is None:
                 _warn_of_open_border(plan, lines, closed, rings, nothing)
@@ -259,7 +259,7 @@ def _find_border_lines(plan, edges, outsides):
         start = int(np.argmax(count[ring] == 1))
         ring = [*ring[start:], *ring[:start]]
         free = count[ring] == 1
-        stops = [*np.flatnonzero(free | _find_corners(plan[ring])), len(ring)]
+        stops = [*np.flatnonzero(free | _is_corner(plan[ring])), len(ring)]
         ring.append(ring[0])
         for first, last in itertools.pairwise(stops):
             way = ring[first : last + 1]
@@ -273,7 +273,7 @@ def _successive_pairs(way):
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
-def _find_corners(places):
+def _is_corner(places):
     """Return which nodes of a clockwise ring are corners, [n] bool; `places` in plan [n, 2].
 
     A corner turns to the right by `CORNER_ANGLE` or more.
@@ -330,10 +330,11 @@ def _convex_hull(plan, nodes):
     return half(ordered) + half(ordered[::-1])[1:]
 
 
-def _require_uncrossed_lines(plan, lines, edges):
-    """Raise ValueError if a line between free ends crosses a link or another such line.
+def _require_uncrossed_border_lines(plan, lines, edges):
+    """Raise ValueError if a line of the border crosses a link or another such line.
 
-    `lines` and `edges` are sets of sorted pairs of nodes, `plan` has positions, [n_node, 2].
+    They join free ends; crossings of two links are not looked for here. `lines` and `edges` are
+    sets of sorted pairs of nodes, `plan` has positions, [n_node, 2].
     """
     links = np.array(sorted(edges | lines))
 

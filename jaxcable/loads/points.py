@@ -20,7 +20,7 @@ from ..elements.element import Element, OwnState
 from ..elements.element_state import ElementState
 from ..model.result_parts import group_path
 from ..model.structure import Structure
-from .groups import Key, OnGroups, indices_of_groups, join_columns
+from .groups import Key, OnGroups, concatenate_last_axis, indices_of_groups
 from .load import DeadLoad, Groups, OnEveryNode, PersistentLoad, Positions, States
 from .nodal import set_vectors
 
@@ -104,7 +104,11 @@ class ActingPoints(OnGroups, DeadLoad):
         return total
 
     def point_loads(self, number: int, state: ElementState) -> Float[Array, "n_elem k 4or7"] | None:
-        """Return the loads within the elements of a group with index `number`, or None."""
+        """Return the loads within the elements of a group with index `number`, or None.
+
+        Columns are place, from 0 to 1, forces, N, and moments, N m (if `has_moments`). Loads along
+        whole elements are left out (`has_line`). None if no load is on the group.
+        """
         if number not in self.on:
             return None
         table = self.element_factors[number]
@@ -227,7 +231,7 @@ class PointLoads(WithinElements):
         n_elem = len(structure.groups[number].links)
         count = len(self.elements)
         given = zip((self.places, self.forces, self.moments), (1, 3, 3), strict=True)
-        values = join_columns([_load_rows(x, count, width) for x, width in given if x is not None])
+        values = concatenate_last_axis([_load_rows(x, count, n) for x, n in given if x is not None])
         rows = _loads_of_elements(self.elements.array, n_elem)
         zero = np.zeros((1, values.shape[1]), values.dtype)
         table = checks.numpy_or_jax(values).concatenate([values, zero])[rows]

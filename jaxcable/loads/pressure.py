@@ -132,7 +132,7 @@ class CablePressure(OnGroups, Pressure):
         checks.require_one_of(self.per, "per", PRESSURE_REFERENCES)
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rule that the axis is not zero, a list of one `Rule`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 

@@ -134,7 +134,7 @@ class WindLoads(OnGroups, ForceOnlyLoad, LoadPerGeometry):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        """Return the rules: directions are not zero; drag, diameter, ice not negative; a list."""
         text = "is zero; give the direction towards which the wind blows, such as (1, 0, 0)"
         return [
             Rule("direction", self.direction, lambda v: (v == 0).all(), text),
@@ -188,7 +188,7 @@ class WindLoads(OnGroups, ForceOnlyLoad, LoadPerGeometry):
         chords = ends[:, 1:] - ends[:, :-1]
         length = scaled.safe_norm(chords)[..., None]
         along = chords / jnp.where(length > 0, length, 1.0)
-        wind, upwards = _unit_vector(self.direction), _unit_vector(self.vertical)
+        wind, upwards = _unit_vector_or_zero(self.direction), _unit_vector_or_zero(self.vertical)
         across = wind[None, None] - (along @ wind)[..., None] * along
         sine = scaled.safe_norm(across)[..., None]  # zero, with derivative zero, along a member
         first, rise = ends[:, :-1] @ upwards - self.ground, chords @ upwards
@@ -216,7 +216,7 @@ def _drag_times_width(load: Any) -> Any:
     return found * load.factor if np.ndim(load.factor) else found
 
 
-def _unit_vector(vector):
-    """Return a vector [3] of length 1; zero for the zero vector, as in phases before the load."""
+def _unit_vector_or_zero(vector):
+    """Return a vector over its length, [3]; zero for a zero vector (phases before the load)."""
     size = scaled.safe_norm(vector)
     return vector / jnp.where(size > 0, size, 1.0)

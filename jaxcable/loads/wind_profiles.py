@@ -42,7 +42,7 @@ class WindProfile(abc.ABC):
         """Return the velocity pressure, N/m2, at heights above ground, m, in their shape."""
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the profile must satisfy, a list of `Rule`."""
+        """Return the rules that numbers of the profile must satisfy, a list; by default none."""
         return []
 
     def describe(self, units: Units = SI) -> str:
@@ -281,7 +281,11 @@ class EurocodeWind(WindProfile):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules of the law, among them a lowest height above the roughness length."""
+        """Return the rules of the law, a list of `Rule`.
+
+        The lowest height is above the roughness length. Velocity and turbulence are not negative;
+        orography, roughness length and density are positive.
+        """
         return [
             not_negative("velocity", self.velocity),
             positive("orography", self.orography),

@@ -9,7 +9,7 @@ from ..analysis.phases import Phase
 from ..analysis.solver import solve
 from ..common.types import ArrayLike, Float
 from ..design import loss_of_cable
-from .mast_analysis import ErectedMast, MastResults, forces_of_solution, patterns_of_patches
+from .mast_analysis import ErectedMast, MastResults, forces_of_solution, patterns_and_guy_shares
 from .mast_states import MastState
 
 _INCREMENTS = 10
@@ -56,7 +56,7 @@ def rupture(
     mast, structure, start = built.mast, built.structure, built.solution
     name = f"rupture of guy {mast.guy_names[mast.index_of_guy(guy)]}"
     if state is not None:
-        none = patterns_of_patches(mast)
+        none = patterns_and_guy_shares(mast)
         loads = state.loads(mast, direction, none[0][0], none[1][0])
         start = solve(structure, Phase(loads=loads, temperature=state.temperature), start=start)
     loss = loss_of_cable(structure, start, {"guys": [guy]}, dynamic_factor=dynamic_factor)

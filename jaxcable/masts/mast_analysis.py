@@ -214,7 +214,7 @@ def analyse(
         raise ValueError("states: give at least one, by name")
     angles = wind_directions(directions)
     mast = built.mast
-    patterns, shares = patterns_of_patches(mast)
+    patterns, shares = patterns_and_guy_shares(mast)
     found: dict[str, Any] = {}
     kinds: dict[Any, dict[str, MastState]] = {}
     for name, state in states.items():
@@ -269,10 +269,14 @@ def _analyse_each(mast, start, cases, count):
     return jax.tree.map(lambda *x: jnp.stack(x), *each)
 
 
-def patterns_of_patches(mast):
-    """Return which elements are in each patch, [1 + n_patch, n_element], and shares of guys.
+def patterns_and_guy_shares(mast):
+    """Return which elements, and which shares of the guys, are in the patch of each wind pattern.
 
-    The first row is that of the mean wind, without a patch.
+    A pattern is the mean wind, in the first row, and then one patch of gusts in each row.
+
+    Returns:
+        1 for elements of the mast in the patch, else 0, [1 + n_patch, n_element]; shares of the
+        guys in it, from 0 to 1, [1 + n_patch, n_guy]. The first rows are zero.
     """
     patches, count = mast.layout.patches, len(mast.layout.sections)
     patterns = np.zeros((1 + len(patches), count))

@@ -123,7 +123,7 @@ def load_mast(
             raise FileError(f"{path}: {key}: expected a list of objects, or the name of a table")
         parts[key] = [_make(place, key, row) for place, row in rows]
     options = {name: head[name] for name in _OPTIONS if name in head}
-    mast = _call(str(path), GuyedMast, parts | options)
+    mast = _call_or_file_error(str(path), GuyedMast, parts | options)
     found: dict[str, MastState] = {}
     if isinstance(rows := head.get("states", {}), Path):
         named = [(row.get("state"), place, row) for place, row in _read_objects(rows)]
@@ -134,7 +134,7 @@ def load_mast(
             raise FileError(f"{place}: state: expected a name of its own, got {name!r}")
         found[name] = _make(place, "states", row)
     directions = head.get("directions", 12)
-    _call(str(path), wind_directions, {"directions": directions})
+    _call_or_file_error(str(path), wind_directions, {"directions": directions})
     return MastJob(mast, found, directions)
 
 
@@ -164,11 +164,11 @@ def _make(place, key, row):
     given = {name: value for name, value in row.items() if name not in _NAMES}
     if key == "sections":
         kind = tube_section if "profile" in given else MastSection
-        return _call(place, lattice_section if "sides" in given else kind, given)
+        return _call_or_file_error(place, lattice_section if "sides" in given else kind, given)
     if key == "guys":
-        return _call(place, guy_level if "cable" in given else GuyLevel, given)
+        return _call_or_file_error(place, guy_level if "cable" in given else GuyLevel, given)
     if key == "ancillaries":
-        return _call(place, Ancillary, given)
+        return _call_or_file_error(place, Ancillary, given)
     standard = row.get("standard")
     if standard is not None and standard not in _STANDARDS:
         known = ", ".join(_STANDARDS)
@@ -176,11 +176,11 @@ def _make(place, key, row):
     for name in given:
         if isinstance(given[name], dict):
             given[name] = codec.decode(given[name], f"{place}.{name}")
-    return _call(place, _STANDARDS.get(standard, MastState), given)
+    return _call_or_file_error(place, _STANDARDS.get(standard, MastState), given)
 
 
-def _call(place, function, given):
-    """Return a function of arguments by name; FileError with the place for those it refuses."""
+def _call_or_file_error(place, function, given):
+    """Return ``function(**given)``; FileError, with the place, for arguments that it refuses."""
     try:
         inspect.signature(function).bind(**given)
         return function(**given)

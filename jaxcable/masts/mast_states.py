@@ -150,7 +150,10 @@ class MastState:
         return found
 
     def _pressure(self, heights, pattern):
-        """Return the pressure at heights, N/m2, in their shape: gusts where `pattern` is 1."""
+        """Return the pressure at heights, N/m2, in their shape: with gusts where `pattern` is 1.
+
+        There it is the mean pressure, plus `patch_factor` times the excess of the peak pressure.
+        """
         mean = self.wind.pressure_at(heights)
         if self.gust is None:
             return mean

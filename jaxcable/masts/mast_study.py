@@ -120,7 +120,7 @@ class MastStudy:
         for text, bad in (("no results of", failed), ("not stable:", unstable)):
             if bad.any():
                 k, d, p = np.argwhere(bad)[0]
-                first = f"{_case(found, k, d)}, {found.patches[p]}"
+                first = f"{_describe_case(found, k, d)}, {found.patches[p]}"
                 sentences.append(f"{text} {bad.sum()} cases, the first {first}")
         guys, mast = tables["guys"].rows, tables["mast"].rows
         if guys[0][5] is not None:
@@ -184,16 +184,25 @@ def _overloads(study):
     return found
 
 
-def _case(results, state, direction):
+def _describe_case(results, state, direction):
     """Return a case in words: its state and its direction."""
     return f"state {results.names[state]!r}, wind to {results.directions[direction]:g}"
 
 
 def _governing(study, values, pick=np.nanargmax):
-    """Return the extremes over states and directions of values [.., .., n], a list, and cases."""
+    """Return the governing values over all states and directions, and their cases in words.
+
+    Args:
+        study: `MastStudy`.
+        values: results in every state and direction, [n_state, n_direction, n].
+        pick: which index governs: that of the largest value (default), or ``np.nanargmin``.
+
+    Returns:
+        n values, NaN where all are NaN, else without regard to NaN; n cases, of state and wind.
+    """
     flat = np.where(np.isnan(values).all((0, 1)), 0.0, values).reshape(-1, values.shape[-1])
     at = pick(flat, axis=0)
-    cases = [_case(study.results, *divmod(int(k), values.shape[1])) for k in at]
+    cases = [_describe_case(study.results, *divmod(int(k), values.shape[1])) for k in at]
     return values.reshape(flat.shape)[at, np.arange(len(at))].tolist(), cases
 
 
@@ -220,26 +229,26 @@ def _tables(study):
     for key, every_part in zip(_INPUT, (mast.sections, mast.guys, mast.ancillaries), strict=True):
         fields = [x.split(", ")[0].replace(" ", "_") for x in _INPUT[key].split("; ")[1:]]
         if rows := [[_cell(getattr(x, k)) for k in fields] for x in every_part]:
-            tables[key] = _table(_INPUT[key], rows)
+            tables[key] = _table_by_spec(_INPUT[key], rows)
     factors = "wind_factor", "weight_factor", "ice"
     states = study.job.states.items()
     rows = [[n, x.wind.describe(), *(float(getattr(x, k)) for k in factors)] for n, x in states]
     laws = any(isinstance(x.wind, WindPowerLaw) for _, x in states)
-    tables["states"] = _table(_STATES, rows, *[_LAW] * laws)
-    most, least = high.tensions.max(-1), low.tensions.min(-1)
-    largest, smallest = _governing(study, most), _governing(study, least, np.nanargmin)
+    tables["states"] = _table_by_spec(_STATES, rows, *[_LAW] * laws)
+    largest = _governing(study, high.tensions.max(-1))
+    least = _governing(study, low.tensions.min(-1), np.nanargmin)
     used = np.array(largest[0]) / np.asarray(mast.of_guys("strength"))
     built, names = np.asarray(study.built.tensions), mast.guy_names
     lengths = np.asarray(study.built.rest_length).tolist()
-    guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *smallest
-    tables["guys"] = _table(_GUYS, zip(*guys, strict=True), *[_SLACK] * (min(smallest[0]) < 0))
+    guys = names, lengths, *built.T.tolist(), largest[0], used.tolist(), largest[1], *least
+    tables["guys"] = _table_by_spec(_GUYS, zip(*guys, strict=True), *[_SLACK] * (min(least[0]) < 0))
     heights = np.asarray(mast.node_heights()).tolist()
     columns = [*_governing(study, every["displacement"])]
     columns += [np.degrees(_governing(study, every[k])[0]).tolist() for k in ("sway", "twist")]
     for k, pick in (("N", np.nanargmin), ("V", np.nanargmax), ("M", np.nanargmax)):
         at_nodes = _at_nodes(every[k], np.fmin if k == "N" else np.fmax)
         columns += _governing(study, at_nodes, pick)[: 2 if k == "M" else 1]
-    tables["mast"] = _table(_MAST, zip(heights, *columns, strict=True), _NOTE)
+    tables["mast"] = _table_by_spec(_MAST, zip(heights, *columns, strict=True), _NOTE)
     size = jax.tree.map(lambda x, y: np.maximum(np.abs(x), np.abs(y)), low, high)
     bending = np.hypot(size.base_moment[..., 0], size.base_moment[..., 1])
     parts = {("base", "downwards"): high.base[..., 2]}
@@ -252,12 +261,15 @@ def _tables(study):
     sizes = [(x, None) for x in values[: len(parts)]] + [(None, x) for x in values[len(parts) :]]
     at = zip(*(parts | moments), strict=True)
     rows = zip(*at, *zip(*sizes, strict=True), cases, strict=True)
-    tables["foundations"] = _table(_FOUNDATIONS, rows, _SHARED)
+    tables["foundations"] = _table_by_spec(_FOUNDATIONS, rows, _SHARED)
     return tables
 
 
-def _table(heads, rows, *notes):
-    """Return a table of rows; heads: title, then name, unit and heading of each column."""
+def _table_by_spec(heads, rows, *notes):
+    """Return a table of rows, with notes, from a text that specifies title and columns.
+
+    `heads` is "title; name, unit, heading; ..." with a part for each column, or its name only.
+    """
     title, *heads = heads.split("; ")
     named = [tuple(x.split(", ")) if ", " in x else x for x in heads]
     return make_table(title, columns_of_rows([*rows], *named), notes)

@@ -14,7 +14,10 @@ def point_rules(
 ) -> list[Rule]:
     """Return the conditions on the points of a `Polygonal` law, in the order of checking.
 
-    Of several that are broken, the first is reported. `unloading` is "reversible" or "elastic".
+    Strains are finite and increase, and the curve goes through the origin, rises there, and has
+    stresses of the sign of the strain. With elastic unloading it does not fall, is concave away
+    from the origin, and has the same slope on both sides of it. Of several that are broken, the
+    first is reported. `unloading` is "reversible" or "elastic".
     """
     values = strain, stress
     found = [
@@ -22,7 +25,7 @@ def point_rules(
         Rule("strain", strain, lambda e: e[1:] <= e[:-1], _strain_order_message),
         Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _origin_outside_message),
         Rule("stress", values, _misses_origin, _missed_origin_message),
-        Rule("stress", values, _flat_segments_at_origin, _origin_slope_message),
+        Rule("stress", values, _does_not_rise_at_origin, _origin_slope_message),
         Rule("stress", values, lambda e, s: s * e < 0, _stress_sign_message),
     ]
     if unloading == "elastic":
@@ -30,11 +33,11 @@ def point_rules(
             Rule(
                 "stress",
                 values,
-                _convex_corners,
+                _is_convex_corner,
                 lambda index, *_: _concavity_message([index[0] + 1]),
             ),
-            Rule("stress", values, _falling_segments, _concavity_message),
-            Rule("stress", values, _segments_of_unequal_slopes, _unequal_slopes_message),
+            Rule("stress", values, _is_falling, _concavity_message),
+            Rule("stress", values, _has_unequal_slopes, _unequal_slopes_message),
         ]
     return found
 
@@ -101,8 +104,8 @@ def _missed_origin_message(_, e, s):
     return f"stress: the curve has {value:.6g} Pa at zero strain; it must pass the origin"
 
 
-def _flat_segments_at_origin(e, s):
-    """Return which segments begin or end at the origin and do not rise, [n - 1] bool."""
+def _does_not_rise_at_origin(e, s):
+    """Return which segments at the origin, or over it, are level or fall, [n - 1] bool."""
     return (e[:-1] <= 0) & (e[1:] >= 0) & (_segment_slopes(e, s) <= 0)
 
 
@@ -137,7 +140,7 @@ def _stress_sign_message(index, e, s):
     return f"stress[{index[0]}] = {s[index]}: of the other sign than its strain, {e[index]}"
 
 
-def _convex_corners(e, s):
+def _is_convex_corner(e, s):
     """Return at which inner points the slope rises away from the origin, [n - 2] bool.
 
     At the origin itself it is False. `e` and `s` are strains and stresses, Pa, of the points, [n].
@@ -147,7 +150,7 @@ def _convex_corners(e, s):
     return (drops < -_relative_tolerance(s.dtype) * slopes.max()) & (corners != 0)
 
 
-def _falling_segments(e, s):
+def _is_falling(e, s):
     """Return which segments have a stress that falls as strain grows, [n - 1] bool."""
     slopes = _segment_slopes(e, s)
     return slopes < -_relative_tolerance(s.dtype) * slopes.max()
@@ -164,7 +167,7 @@ def _concavity_message(index, *_):
     )
 
 
-def _segments_of_unequal_slopes(e, s):
+def _has_unequal_slopes(e, s):
     """Return which segments have another slope in tension than in compression, [n - 1] bool.
 
     Segments are counted from the origin in both directions.

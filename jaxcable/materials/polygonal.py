@@ -115,44 +115,44 @@ class Polygonal(Law):
             set_fields(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on its points, such as increasing strains: a list of `Rule`."""
+        """Return the conditions on its points, `point_rules.point_rules`: a list of `Rule`."""
         return point_rules.point_rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
 
     @property
-    def _array_module_and_points(self):
-        """NumPy if the points are known, else `jax.numpy`; their stresses, Pa, and strains, [n]."""
+    def _array_module_stresses_strains(self):
+        """NumPy if the points are known, else `jax.numpy`; their stresses, Pa; strains, [n]."""
         xp = checks.numpy_or_jax(self.stress, self.strain)
         return xp, xp.asarray(self.stress), xp.asarray(self.strain)
 
     @property
     def _segment_slopes(self):
         """Slopes of the segments between points, Pa, [n - 1]."""
-        xp, stress, strain = self._array_module_and_points
+        xp, stress, strain = self._array_module_stresses_strains
         return xp.diff(stress) / xp.diff(strain)
 
     @property
     def _has_compression(self):
         """Whether the curve has a compression branch, scalar bool."""
-        return np.bool_(False) if self.one_sided else self._array_module_and_points[2][0] < 0
+        return np.bool_(False) if self.one_sided else self._array_module_stresses_strains[2][0] < 0
 
     @property
     def modulus(self) -> Float[Array, ""]:
         """Slope of the curve at the origin, on the tension side, Pa."""
-        xp, _, strain = self._array_module_and_points
+        xp, _, strain = self._array_module_stresses_strains
         return self._segment_slopes[xp.sum(strain[1:-1] <= 0)]
 
     @property
     def capacity(self) -> Pair:
         """Smallest and largest stress of the curve, Pa."""
-        xp, stress, _ = self._array_module_and_points
+        xp, stress, _ = self._array_module_stresses_strains
         return xp.where(self._has_compression, xp.min(stress), 0.0), xp.max(stress)
 
     @property
     def strain_limits(self) -> Pair:
         """Smallest and largest strain of the curve; -inf where compression makes it slack."""
-        xp, _, strain = self._array_module_and_points
+        xp, _, strain = self._array_module_stresses_strains
         return xp.where(self._has_compression, strain[0], -xp.inf), strain[-1]
 
     # --- the law

@@ -126,7 +126,7 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner
-    moved = moved.at[:, :3].set(_move_where_free(moved[:, :3], motion[:, :3], now))
+    moved = moved.at[:, :3].set(_displacements_where_free(moved[:, :3], motion[:, :3], now))
     return jnp.where(brought[:, None], moved, motion)
 
 
@@ -183,8 +183,8 @@ def _connected_active_rows(groups, new, owner, waiting):
     return jnp.where(root < 0, owner, root[owner])
 
 
-def _move_where_free(moved, still, dof_map):
-    """Return displacements `moved` along free directions, `still` along fixed ones, [n_row, 3], m.
+def _displacements_where_free(moved, still, dof_map):
+    """Return displacements, `moved` along free and `still` along fixed directions, [n_row, 3], m.
 
     `dof_map` says which directions supports fix, and along which axes.
     """

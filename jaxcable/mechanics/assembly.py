@@ -104,8 +104,8 @@ class System(Elementwise):
         residual = self.space.restrict(internal - self.external_force(x, row_step), x, row_step)
         return self.space.hold_temporarily_fixed(residual, step), found
 
-    def with_low_order_part(self, x: Motion) -> Motion:
-        """Return `x`; for cable nets with an added low-order part, which doubles its digits."""
+    def with_zero_low_order_part(self, x: Motion) -> Motion:
+        """Return `x`; for cable nets with three columns of zeros, in place of a low-order part."""
         return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces

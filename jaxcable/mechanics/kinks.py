@@ -94,11 +94,11 @@ def _released_and_kinks(system, x, places):
     The former are a list with [n_elem] bool for each of the groups with the indices `places`, the
     latter is a scalar bool.
     """
-    kinked = _elements_at_kinks(system, x)
-    faint = _elements_with_faint_tension(system, x, places)
+    kinked = _masks_at_kinks(system, x)
+    faint = _masks_of_faint_tension(system, x, places)
     counted = [own | kinked[k] for own, k in zip(faint, places, strict=True)]
     nothing = [jnp.zeros_like(own) for own in faint]
-    search = deferred(lambda *at: _elements_that_can_slacken(*at, places), nothing)
+    search = deferred(lambda *at: _masks_of_slackening(*at, places), nothing)
     released = nothing
     if places:
         released = lax.cond(_any_element(counted), search, lambda *_: nothing, system, x, counted)
@@ -127,7 +127,7 @@ def _is_straight(system, k):
     return is_axial and group.links.shape[1] == 2
 
 
-def _elements_at_kinks(system, x):
+def _masks_at_kinks(system, x):
     """Return which elements at free nodes are between taut and slack, [n_elem] bool per group.
 
     None for groups that cannot be slack, or whose laws have history variables.
@@ -142,7 +142,7 @@ def _elements_at_kinks(system, x):
     return found
 
 
-def _elements_with_faint_tension(system, x, places):
+def _masks_of_faint_tension(system, x, places):
     """Return which elements have a force that is only rounding, [n_elem] bool per group.
 
     It is below 1e-9 of the largest one of these elements (1e-4 in single precision), and not zero.
@@ -155,15 +155,17 @@ def _elements_with_faint_tension(system, x, places):
     return [(size > 0) & (size <= limit) for size in sizes]
 
 
-def _elements_that_can_slacken(system, x, counted, places):
+def _masks_of_slackening(system, x, counted, places):
     """Return which of the `counted` elements of the groups `places` slacken as loose nodes move.
 
+    The result, like `counted`, is a list with [n_elem] bool for each of these groups.
+
     Loose nodes have only slack and counted elements. Either there is a movement of them that
-    shortens all counted elements that end there, or these can be stressed against each other
-    (Gordan's theorem): then none is released. The movement is the point next to zero of the convex
-    hull of the forces that the elements exert on the nodes, found by pairwise steps of Frank and
-    Wolfe (S. Lacoste-Julien and M. Jaggi, NIPS 28, 2015), which get near it also where forces are
-    nearly opposite.
+    unloads all counted elements that end there (shortens cables, lengthens contacts), or these can
+    be stressed against each other (Gordan's theorem): then none is released. The movement is the
+    point next to zero of the convex hull of the forces that the elements exert on the nodes, found
+    by pairwise steps of Frank and Wolfe (S. Lacoste-Julien and M. Jaggi, NIPS 28, 2015), which get
+    near it also where forces are nearly opposite.
     """
     idle = system.slack(x)
     for k, own in zip(places, counted, strict=True):

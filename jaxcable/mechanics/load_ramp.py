@@ -319,10 +319,12 @@ def _restrict_to_supports(added, dof_map):
 def _change_supports(nodes, groups, restart, data, end_forces):
     """Apply the supports of a phase to the `RestartState` before it.
 
-    Loads on newly supported degrees of freedom end. Reactions of released ones become loads, which
-    the phase reduces to zero. A load on an inactive degree of freedom stays, and acts once an
-    element activates it. A node that is partly supported before and after has the same directions
-    in both (`preparation`). `end_forces` are those of all groups there; None: they are evaluated.
+    Loads on newly supported degrees of freedom end. Reactions of released ones are returned: the
+    caller applies them as loads, which the phase reduces to zero. Nodes whose rotations are newly
+    fixed or released keep their present rotation as that of the support. A load on an inactive
+    degree of freedom stays, and acts once an element activates it. A node that is partly supported
+    before and after has the same directions in both (`preparation`). `end_forces` are those of all
+    groups there; None: they are evaluated.
 
     Returns:
         The `RestartState`, and the reactions of released supports, [n_row, n_freedom], N and N m.

@@ -20,7 +20,7 @@ def slipping_places(system: System, x: Motion) -> Bool[Array, " n_place"] | None
     Places are those of all elements of all groups that can slip, one after the other; None if no
     group can.
     """
-    found = _slipping_by_group(system, x)
+    found = _is_slipping_by_group(system, x)
     return jnp.concatenate([own.ravel() for own in found]) if found else None
 
 
@@ -31,7 +31,7 @@ def elements_at_places(
 
     `places` are chosen among those of `slipping_places`.
     """
-    widths = iter(jax.eval_shape(lambda: _slipping_by_group(system, x)))
+    widths = iter(jax.eval_shape(lambda: _is_slipping_by_group(system, x)))
     masks, first = [], 0
     for group in system.groups:
         own = jnp.zeros((len(group.links), 0), bool)
@@ -42,7 +42,7 @@ def elements_at_places(
     return jnp.concatenate(masks)
 
 
-def _slipping_by_group(system, x):
+def _is_slipping_by_group(system, x):
     """Return which places of elements slip, [n_elem, n_place] bool for each group that can."""
     pairs: Any = zip(system.groups, system.states, strict=True)
     return [

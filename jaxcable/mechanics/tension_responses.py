@@ -145,17 +145,19 @@ class SlackUnderTensions:
         """Return spare lengths `slack`, [n], m, less the lengths that sags take, at least 0."""
         return slack if self.sag is None else jnp.maximum(slack - self.sag, 0.0)
 
-    def target_product(
+    def target_product_and_slope(
         self, product: Float[Array, ""]
     ) -> tuple[Float[Array, " n"], Float[ArrayLike, " n"]]:
-        """Return the product of tension and length slack that an interior-point step aims at.
+        """Return the product of tension and whole length slack that an interior-point step aims at.
+
+        The whole slack is that beyond the sag, and the sag.
 
         Args:
             product: aim for the product of tension and slack beyond the sag, scalar, N m.
 
         Returns:
-            Product with the whole slack, [n], N m; minus the derivative of the logarithm of this
-            slack by the logarithm of the tension, [n].
+            The product, ``product + tension sag``, [n], N m; minus the derivative of the logarithm
+            of the whole slack by the logarithm of the tension, [n], 1 without sags.
         """
         if self.sag is None or self.sag_compliance is None:
             return jnp.broadcast_to(product, self.tension.shape), 1.0

@@ -204,7 +204,8 @@ def result_columns(
 def _split_by_place_and_component(result, values):
     """Split a group's result [n_elem, ...] into a dict of arrays [n_elem] by (place, component).
 
-    `result` describes it: names of places and components, "" where there is only one.
+    `result` describes it: names of places and components, "" where there is only one; places
+    without a name are "0", "1" and so on.
     """
     components = result.components or ("",)
     count = math.prod(values.shape[1:]) // len(components)

@@ -157,7 +157,7 @@ class Structure:
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
     def _check_rigid_links(self):
-        """Make the field `rigid` `Indices`; ValueError for pairs that cannot be rigid links."""
+        """Make `rigid` `Indices`; ValueError for chains, repeated nodes, ends without rotation."""
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):

@@ -169,12 +169,12 @@ class Supports:
 
         They are those along and about the node's `directions`.
         """
-        fixed = self._fixed_along_axes(n_node)
+        fixed = self._is_fixed_along_axes(n_node)
         if self.chosen is not None:
             np.logical_or.at(fixed, self.chosen.array, self.held.array)
         return fixed
 
-    def _fixed_along_axes(self, n_node):
+    def _is_fixed_along_axes(self, n_node):
         """Return degrees of freedom along and about x, y, z that are held, [n_node, 6] bool.
 
         They are those of `mask`, `nodes` and `clamps`; `chosen` nodes are left out.
@@ -205,7 +205,7 @@ class Supports:
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
             return axes
-        plain, taken = self._fixed_along_axes(n_node), {}
+        plain, taken = self._is_fixed_along_axes(n_node), {}
         for node, held, given in zip(
             self.chosen.array.tolist(), self.held.array, self.axes.array, strict=True
         ):

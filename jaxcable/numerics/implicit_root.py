@@ -121,7 +121,7 @@ def _known_values(*arrays, count, equation, solver):
     return list(arrays[:count])
 
 
-def _narrow_root(used, n_argument, *, count, equation, solver):
+def _drop_unused_root_outputs(used, n_argument, *, count, equation, solver):
     """Drop unused outputs of `_ROOT`, and the arguments with their values.
 
     Args:
@@ -139,8 +139,8 @@ def _narrow_root(used, n_argument, *, count, equation, solver):
     return kept, arguments, given
 
 
-def _narrow_root_tangent(used, n_argument, *, shapes, equation, **given):
-    """Drop the tangents of unused outputs of `_ROOT_TANGENT`; arguments as in `_narrow_root`."""
+def _drop_unused_tangent_outputs(used, n_argument, *, shapes, equation, **given):
+    """Drop the tangents of unused outputs of `_ROOT_TANGENT`, as `_drop_unused_root_outputs`."""
     kept = [True, *used[1:]]
     shapes = tuple(shape for shape, own in zip(shapes, kept[1:], strict=True) if own)
     given |= {"shapes": shapes, "equation": _keep_outputs(equation, kept)}
@@ -347,7 +347,7 @@ _ROOT = internals.define_primitive(
     _root_jvp,
     _root_batch_rule,
     multiple_results=True,
-    narrow=_narrow_root,
+    narrow=_drop_unused_root_outputs,
 )
 # derivative of a root and its outputs, linear in the changes of parameters
 _ROOT_TANGENT = internals.define_primitive(
@@ -358,5 +358,5 @@ _ROOT_TANGENT = internals.define_primitive(
     _root_tangent_batch_rule,
     _root_tangent_transpose,
     multiple_results=True,
-    narrow=_narrow_root_tangent,
+    narrow=_drop_unused_tangent_outputs,
 )

@@ -26,7 +26,10 @@ class PathSettings:
     through: Bool[ArrayLike, ""]
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the settings must satisfy; NaN breaks them (no path would end)."""
+        """Return the rules of the settings; NaN breaks them, too (no path would end).
+
+        `down_to` is negative, all others are positive.
+        """
         text = "must be positive; the path starts at 0"
         below = "must be negative; the path starts at 0"
         steps = [

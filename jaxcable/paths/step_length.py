@@ -26,7 +26,10 @@ def displacement_per_load(found: CorrectorState, system: System) -> Float[Array,
 
 
 def cosine_between_tangents(a: PathPoint, p: PathPoint) -> Float[Array, ""]:
-    """Return the cosine of the angle between the tangents of the path at points `a` and `p`."""
+    """Return the cosine of the angle between the tangents of the path at points `a` and `p`.
+
+    Components are those of the unknowns over `displacement_scale`, and of the load factor.
+    """
     return a.direction @ p.direction + a.rise * p.rise
 
 

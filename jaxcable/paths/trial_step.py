@@ -147,12 +147,12 @@ class TrialStep:
             *inertia,
             *(
                 corrected.residual_by_factor,
-                self._slack_elements(),
+                self._is_element_slack(),
                 slipping_places(system, corrected.x),
             ),
         )
 
-    def _slack_elements(self) -> Bool[Array, " n_elem"]:
+    def _is_element_slack(self) -> Bool[Array, " n_elem"]:
         """Return which elements are slack, all groups one after the other.
 
         Elements whose strain is only rounding count as they did at the last accepted point.

@@ -44,7 +44,7 @@ class ElementForces:
 
     Args:
         element_results: results of elements by name, each in the shape of the elements, as in
-            `Results.element_results`.
+            `StateResults.element_results`.
         parts: the parts of a `Topology`.
         structure: `Structure`, or None; it says which elements are cables.
         color: "tension", "utilization", or the label of another `parts.ResultColumn`.

@@ -126,7 +126,7 @@ def envelope_diagram(
     if solutions is not None and np.shape(solutions.status) != (len(envelope.names),):
         raise ValueError(f"solutions: must be the batch of the {len(envelope.names)} cases")
     of_beams = of in SECTION_FORCES.components
-    active = _active_elements(structure, envelope).any(axis=0)
+    active = _is_element_active(structure, envelope).any(axis=0)
     stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights, active)
     if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
@@ -191,7 +191,7 @@ def _arrays(tree):
     return [x for x in values_by_group(tree, 0) if x is not None]
 
 
-def _active_elements(structure, envelope):
+def _is_element_active(structure, envelope):
     """Return which elements are active in each case, [n_case, n_elem] bool.
 
     An envelope has NaN for the tension of inactive elements; elements without tensions count as
@@ -222,7 +222,7 @@ def _draw_section_force(stage, envelope, of, high):
     extremes = _governing_values(envelope, of)
     largest = max(abs(extreme.value) for extreme in extremes.values())
     factor, unit = display_unit(largest, "N m" if of in MOMENTS else "N", stage.units)
-    active = _active_elements(structure, envelope).any(axis=0)
+    active = _is_element_active(structure, envelope).any(axis=0)
     bends = [np.full(len(one.links), isinstance(one, Bending)) for one in structure.groups]
     beams = active[np.concatenate(bends)]
     values = {side: own[beams] for side, own in values.items()}
@@ -299,7 +299,7 @@ def _draw_displacements(stage, envelope, solutions):
     title = "displacements of all cases" + (f" x {factor:g}" if factor != 1 else "")
     figure, slots = arrange_pictures([stage.view], [points], [title])
     (axes,) = figure.axes
-    active = _active_elements(stage.structure, envelope)
+    active = _is_element_active(stage.structure, envelope)
     dashed: Any = {"colors": GHOST, "linewidths": 1.0, "linestyles": "--", "zorder": 1}
     stage.add_lines(axes, stage.nodes, active.any(axis=0), **dashed)
     thin: Any = {"colors": SERIES[5], "linewidths": 0.5, "alpha": 0.6, "zorder": 2}
@@ -363,7 +363,7 @@ def _draw_element_values(stage, envelope, of):
     figure, slots = arrange_pictures([view, view], [stage.nodes, stage.nodes], titles)
     width = line_width(len(stage.links))
     handles: list[Any] = scale.legend_entries()
-    active = _active_elements(structure, envelope).any(axis=0)
+    active = _is_element_active(structure, envelope).any(axis=0)
     for axes, (side, (word, _)) in zip(figure.axes, _SIDES.items(), strict=True):
         lines = stage.add_lines(axes, stage.nodes, active, linewidths=width, zorder=3, **scale.look)
         lines.set_array(scale.numbers(values[side])[stage.element[active[stage.element]]])

@@ -122,7 +122,7 @@ def _write_numbers(axes, stage):
             colors.append(_group_line_style(number)["color"])
             shifts.append((0.0, 0.0) if len(chain) > 1 else (_SHIFT, -_SHIFT))
     at = _positions_in_picture(axes, stage.view, np.array(places))
-    kept = _fitting_texts(axes, at, texts, SIZE * np.array(shifts))
+    kept = _has_free_place(axes, at, texts, SIZE * np.array(shifts))
     look: Any = {"ha": "center", "va": "center", "zorder": 9, "path_effects": _HALO}
     look |= {"textcoords": "offset points", "annotation_clip": False}
     for k in np.flatnonzero(kept):
@@ -140,7 +140,7 @@ def _positions_in_picture(
     return np.transpose(proj3d.proj_transform(*seen.T, axes.get_proj())[:2])
 
 
-def _fitting_texts(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
+def _has_free_place(axes, at, texts, shifts) -> Bool[np.ndarray, " n"]:
     """Return which texts can be written without covering an earlier one of these, [n] bool.
 
     Args:

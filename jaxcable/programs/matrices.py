@@ -109,7 +109,7 @@ def _map_over_batch(function, n_core):
 
 
 @_lapack_rule("cholesky")
-def _cholesky(letter, _):
+def _make_cholesky(letter, _):
     """Return the function from a matrix to its lower Cholesky factor; NaN if indefinite."""
     factorize = getattr(lapack, f"{letter}potrf")
 
@@ -121,7 +121,7 @@ def _cholesky(letter, _):
 
 
 @_lapack_rule("triangular_solve")
-def _triangular_solve(letter, given):
+def _make_triangular_solve(letter, given):
     """Return the function (a, b) that solves with a triangular matrix, from left or right."""
     solve, right = getattr(blas, f"{letter}trsm"), not given["left_side"]
     lower, transposed, unit = given["lower"], given["transpose_a"], given["unit_diagonal"]
@@ -136,7 +136,7 @@ def _triangular_solve(letter, given):
 
 
 @_lapack_rule("lu")
-def _lu(letter, _):
+def _make_lu(letter, _):
     """Return the function from a matrix to its LU factors, pivots and order of rows."""
     factorize = getattr(lapack, f"{letter}getrf")
 
@@ -148,7 +148,7 @@ def _lu(letter, _):
 
 
 @_lapack_rule("lu_pivots_to_permutation", n_core=1)
-def _permutation(_, given):
+def _make_permutation(_, given):
     """Return the function from the pivots of LU factors to the order of rows."""
     return lambda pivots: _row_permutation(pivots, given["permutation_size"])
 
@@ -162,7 +162,7 @@ def _row_permutation(pivots, size):
 
 
 @_lapack_rule("eigh")
-def _eigh(letter, given):
+def _make_eigh(letter, given):
     """Return the function from a symmetric matrix to eigenvectors and values; NaN if it fails."""
     solve, lower = getattr(lapack, f"{letter}syevd"), int(given["lower"])
     if given.get("subset_by_index") is not None:
@@ -178,7 +178,7 @@ def _eigh(letter, given):
 
 
 @_lapack_rule("qr")
-def _qr(_, given):
+def _make_qr(_, given):
     """Return the function from a matrix to its QR factors."""
     if given.get("pivoting"):
         raise NoRuleError("qr with pivoting")

@@ -153,7 +153,9 @@ class Program:
 
 @held_weakly
 class MappedProgram(Program):
-    """A program mapped over a batch of cases; NumPy evaluates few cases of a large one one by one.
+    """A program mapped over a batch of cases.
+
+    NumPy evaluates a large program case by case, and a small one for all cases at once.
 
     Args:
         base: `Program` of one case.

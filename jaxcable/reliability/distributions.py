@@ -78,7 +78,11 @@ class Distribution:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on mean and scatter, and `own_rules`, a list of `Rule`."""
+        """Return the conditions on the numbers, a list of `Rule`.
+
+        Deviation or variation is positive; the mean is not zero where a variation is given. Those
+        of `own_rules` follow.
+        """
         rules = [positive("deviation", self.deviation), positive("variation", self.variation)]
         if self.variation is not None:
             text = "is zero, which a coefficient of variation cannot refer to; give a deviation"

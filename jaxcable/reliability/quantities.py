@@ -88,7 +88,7 @@ class Quantities:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the condition on the correlation matrix, a list with one `Rule`."""
+        """Return the rule that the correlation matrix is one (`_is_correlation`), a list."""
         text = "must be symmetric and positive definite, with ones on its diagonal"
         return [
             Rule("correlation", self.correlation, lambda matrix: ~_is_correlation(matrix), text)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.results import Results
+from ..analysis.results import StateResults
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
 from ..design import utilization
@@ -178,14 +178,14 @@ def _first_known(row, column, otherwise):
     return row[otherwise] if row[column] is None else row[column]
 
 
-def peak_forces(structure: Structure, state: Results) -> list[Float[np.ndarray, " n_elem"] | None]:
+def peak_forces(
+    structure: Structure, state: StateResults
+) -> list[Float[np.ndarray, " n_elem"] | None]:
     """Return the largest axial force along each element of a state, N, a list over groups.
 
     Items are arrays [n_elem], or None for a group without forces. Inactive elements have NaN.
     """
     forces = values_per_group(structure, state.peak_tension)
     masks = present_elements(structure, state.present)
-    return [
-        None if force is None else np.where(present, force, np.nan)
-        for force, present in zip(forces, masks, strict=True)
-    ]
+    pairs = zip(forces, masks, strict=True)
+    return [None if x is None else np.where(present, x, np.nan) for x, present in pairs]

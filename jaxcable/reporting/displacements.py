@@ -194,9 +194,11 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
 
 
 def tilt_tables(of: ReportedAnalysis) -> dict[str, Table]:
-    """Return the table of tilt and twist of beams and bars, {"tilts": Table}; empty without any.
+    """Return the table of tilt and twist of beams and bars, degrees, {"tilts": Table}.
 
-    Groups of bars without compression, which are cables, and springs to the ground have no rows.
+    Empty if there are no such elements, or all angles are negligible. Tilt is measured from the
+    initial chord. Groups of bars without compression, which are cables, and springs to the ground
+    have no rows.
     """
     structure = of.structure
     kept = [

@@ -115,9 +115,11 @@ def program_versions() -> str:
 
 
 def _document_table(name: str, table: Table, most: int, scales: Scales, units: Units):
-    """Return a `Table` as `DocumentTable`, split into parts that fit on a page.
+    """Return a `Table` as `DocumentTable`, its columns split into parts that fit on a page.
 
-    Arguments as of `make_document` and `show_table`.
+    Each part repeats the first columns, which name the row. The paper is landscape if a part, or
+    long texts, need it. Minus signs replace hyphens in numbers. Arguments as of `make_document` and
+    `show_table`.
     """
     shown = show_table(table, most, scales, units)
     columns = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.types import Float
 from ..elements.bending import gauss_lobatto
-from ..results.interpolation import interpolation_matrices
+from ..results.interpolation import lobatto_interpolation_matrices
 
 # Number of places at which a polynomial is replaced by cubics. Their error falls with the fourth
 # power of the distance: a moment of degree 5 is met within 1e-7.
@@ -40,15 +40,15 @@ def fine_places_and_slope_matrix(
     matrix are the slopes, with respect to the place, of the polynomial through them.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), gauss_lobatto(count)[0]]))
-    return places, interpolation_matrices(count, False, tuple(places.tolist()))[1]
+    return places, lobatto_interpolation_matrices(count, False, tuple(places.tolist()))[1]
 
 
-def hermite_cubics(
+def hermite_cubic_coefficients(
     values: Float[np.ndarray, "*shape n_point"],
     slopes: Float[np.ndarray, "*shape n_point"],
     places: Float[np.ndarray, " n_point"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Return the cubic polynomials between neighboring places with given values and slopes there.
+    """Return the cubics between neighboring places with given values and slopes there.
 
     Args:
         values: values at the places.
@@ -68,9 +68,9 @@ def hermite_cubics(
 def cubic_derivatives(
     cubic: Float[np.ndarray, "*shape n_piece 4"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Return the coefficients of the derivatives of `hermite_cubics` with respect to the place.
+    """Return the coefficients of the derivatives of cubics with respect to the place.
 
-    The last of the four coefficients is zero.
+    `cubic` are those of cubics, as of `hermite_cubic_coefficients`. The last of the four is zero.
     """
     slope = np.zeros_like(cubic)
     slope[..., :3] = cubic[..., 1:] * [1, 2, 3]
@@ -82,8 +82,8 @@ def fit_parabola(
 ) -> Float[np.ndarray, "*shape 1 4"]:
     """Return the parabola that fits the values at `places`, from 0 to 1, by least squares.
 
-    It is a single piece of `hermite_cubics`: the coefficients of 1, t, t^2 and t^3, the last zero,
-    where t is the place.
+    It is a single piece as of `hermite_cubic_coefficients`: the coefficients of 1, t, t^2 and t^3,
+    the last zero, where t is the place.
     """
     powers = np.linalg.pinv(places[:, None] ** np.arange(3))
     quadratic = values @ powers.T
@@ -113,7 +113,7 @@ def split_cubics(
     """Return the coefficients of piecewise cubics on smaller pieces.
 
     Args:
-        cubic: coefficients of each piece, as of `hermite_cubics`.
+        cubic: coefficients of each piece, as of `hermite_cubic_coefficients`.
         places: ends of these pieces, ascending.
         ends: ends of the smaller pieces of each element, as of `merge_piece_ends`.
     """
@@ -137,8 +137,8 @@ def add_linear_terms(
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
     """Return piecewise cubics plus, in each piece, the line between two values at its ends.
 
-    `cubic` are coefficients as of `hermite_cubics`; `starts` and `ends` are the values at t = 0 and
-    1.
+    `cubic` are coefficients as of `hermite_cubic_coefficients`; `starts` and `ends` are the values
+    at t = 0 and 1.
     """
     found = cubic.copy()
     found[..., 0] += starts
@@ -153,7 +153,7 @@ def polynomial_extremes(
     """Return the `Extremes` of piecewise cubics.
 
     Args:
-        coefficients: coefficients of each piece, as of `hermite_cubics`.
+        coefficients: coefficients of each piece, as of `hermite_cubic_coefficients`.
         places: ends of the pieces, ascending; the same for all elements, or their own.
     """
     _, one, two, three = np.moveaxis(coefficients, -1, 0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis.results import Results
+from ..analysis.results import StateResults
 from ..common.negligible import NEGLIGIBLE, zero_negligible
 from ..common.types import Bool, Float, Int
 from ..common.units import SI
@@ -46,7 +46,7 @@ class GroundSpringForces(NamedTuple):
     values: Float[np.ndarray, "n 6"]
 
 
-def ground_spring_forces(structure: Structure, state: Results) -> GroundSpringForces:
+def ground_spring_forces(structure: Structure, state: StateResults) -> GroundSpringForces:
     """Return the `GroundSpringForces` of a state, of all groups with the result `SPRING_FORCE`."""
     results, present = state.element_results, present_elements(structure, state.present)
     forces, moments = (
@@ -65,7 +65,7 @@ def ground_spring_forces(structure: Structure, state: Results) -> GroundSpringFo
     return GroundSpringForces(np.concatenate(nodes), names, np.concatenate(values))
 
 
-def total_reaction(structure: Structure, state: Results) -> Float[np.ndarray, " 3"]:
+def total_reaction(structure: Structure, state: StateResults) -> Float[np.ndarray, " 3"]:
     """Return the sum of the reactions of supports and of springs on the ground, [3], N."""
     forces = ground_spring_forces(structure, state).values[:, :3]
     # NaN only where a spring does not act or is not active: it adds nothing there

@@ -150,7 +150,7 @@ def _extremes_along(
     slopes = dict(zip(("N", "T"), np.moveaxis(values[..., [0, 3]], -1, 0) @ slope, strict=True))
     slopes["My"], slopes["Mz"] = length[:, None] * by_name["Vz"], -length[:, None] * by_name["Vy"]
     cubics = {
-        name: extremes.hermite_cubics(by_name[name], change, places)
+        name: extremes.hermite_cubic_coefficients(by_name[name], change, places)
         for name, change in slopes.items()
     }
     for moment, shear, sign in (("My", "Vz", 1), ("Mz", "Vy", -1)):

@@ -98,7 +98,7 @@ def sags(
         if not isinstance(group, CATENARIES):
             found.append(None)
             continue
-        shapes, there = _without_fillers(group, shapes, there)
+        shapes, there = _without_fillers_and_mask(group, shapes, there)
         own = map_shapes(_element_sag, shapes)
         found.append(jax.tree.map(lambda x, there=there: _nan_where_inactive(there, x), own))
     return structure.arrange(found)
@@ -145,7 +145,7 @@ def horizontal_tensions(
             found.append(None)
             continue
         if hangs:
-            shapes, there = _without_fillers(group, shapes, there)
+            shapes, there = _without_fillers_and_mask(group, shapes, there)
         own = map_shapes(ElementShapes.horizontal_part, shapes)
         found.append(_horizontal_parts(shapes, own, force, there))
     return structure.arrange(found)
@@ -209,7 +209,7 @@ def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -
     return nodes
 
 
-def _without_fillers(group, shapes, there):
+def _without_fillers_and_mask(group, shapes, there):
     """Return `ElementShapes`, level lines in place of fillers of shorter cables, and a mask.
 
     The mask says which elements, or segments of cables that slide, are active and no fillers.

@@ -114,8 +114,9 @@ def clearance_over_ground(
     profile do not count; where two pieces of a profile with a bend in plan both are beside an
     element, the smaller height counts.
 
-    Exact for straight elements and catenaries. Differentiable like the solution, with kinks over
-    corners of the profile and where another element becomes the nearest.
+    Exact for straight elements and catenaries; faces count by their edges, beams by their chords.
+    Differentiable like the solution, with kinks over corners of the profile and where another
+    element becomes the nearest.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -171,6 +172,7 @@ def distance_to_line(
 
     For straight elements and catenaries, to rounding: the minimum along an element is looked for
     from the nearest of 17 places. (Two minima closer than 1/16 of the element may be confused.)
+    Faces count by their edges, beams by their chords.
     Differentiable like the solution; it has kinks where another element, piece or minimum becomes
     the nearest, and no derivative where the distance is zero.
 

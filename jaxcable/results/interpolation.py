@@ -21,13 +21,13 @@ _MOST_POINTS = 6
 
 
 @functools.cache
-def interpolation_matrices(
+def lobatto_interpolation_matrices(
     count: int, sloped: bool, places: tuple[float, ...]
 ) -> tuple[Float[np.ndarray, "n_data n_place"], Float[np.ndarray, "n_data n_place"]]:
     """Return matrices that interpolate from `count` Gauss-Lobatto points to places from 0 to 1.
 
-    They evaluate the polynomial through the values at the points; with more than six points, cubics
-    between neighbouring points instead.
+    They evaluate the one polynomial through the values at all points; with more than six points,
+    cubics between neighboring points instead.
 
     Args:
         count: number of points.
@@ -76,8 +76,8 @@ def interpolate_section_forces(
     """
     xp, count, at = _array_module(forces), forces.shape[1], tuple(map(float, places))
     plain, (value, slope) = (
-        interpolation_matrices(count, False, at)[0],
-        interpolation_matrices(count, True, at),
+        lobatto_interpolation_matrices(count, False, at)[0],
+        lobatto_interpolation_matrices(count, True, at),
     )
     parts = xp.moveaxis(forces, 2, 0)
     axial, torque = parts[0] @ plain, parts[3] @ plain

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..analysis.element_shapes import StateOrPhase, results_of_state
-from ..analysis.results import Results
+from ..analysis.results import StateResults
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
@@ -159,7 +159,7 @@ def _quaternions(structure: Structure, state: StateOrPhase) -> Float[Array, "n_n
 
     Raises ValueError for a structure without beams.
     """
-    results: Results = results_of_state(structure, state)
+    results: StateResults = results_of_state(structure, state)
     if results.rotation is None:
         raise ValueError("structure: has no beams; its nodes have no rotations")
     return jnp.asarray(results.rotation)

@@ -111,7 +111,7 @@ class LinearSection:
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the stiffnesses, a list of `Rule`."""
+        """Return the conditions that the stiffnesses are positive, and ``EIyz^2 < EIy EIz``."""
         rules = [positive(n, getattr(self, n)) for n in ("EA", "EIy", "EIz", "GJ", "GAy", "GAz")]
         if self.EIyz is not None:
             text = "must be less than the root of EIy EIz in absolute value"

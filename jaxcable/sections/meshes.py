@@ -18,8 +18,8 @@ Mesh: TypeAlias = 'tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell
 """Points and cells."""
 
 
-def square_mesh(n_y: int, n_z: int) -> Mesh:
-    """Return points and cells of the square from -1 to 1, with `n_y` by `n_z` cells.
+def biunit_square_mesh(n_y: int, n_z: int) -> Mesh:
+    """Return points and cells of the square from -1 to 1 in y and z, with `n_y` by `n_z` cells.
 
     Points are ordered by y, then by z; cells likewise. The corners of a cell are anticlockwise,
     from the one of least y and z.
@@ -39,7 +39,7 @@ def disc_mesh(n_y: int, n_z: int) -> Mesh:
     Args:
         n_y, n_z: cells along the sides of the square that is mapped to the disc.
     """
-    points, cells = square_mesh(n_y, n_z)
+    points, cells = biunit_square_mesh(n_y, n_z)
     a, b = points.T
     radius = np.maximum(np.abs(a), np.abs(b))
     wide = np.abs(a) >= np.abs(b)

@@ -130,7 +130,7 @@ def rectangle(
         50 fibres, 200.0 cm2
     """
     width, height = _positive_length(width, "width"), _positive_length(height, "height")
-    points, quads = meshes.square_mesh(*_checked_mesh_shape(shape))
+    points, quads = meshes.biunit_square_mesh(*_checked_mesh_shape(shape))
     points = points * stack_trees([width / 2, height / 2])[None, :]
     return _mesh_section(
         cls, points, _quads_or_triangles(quads, cells), law, rectangle_torsion(width, height)

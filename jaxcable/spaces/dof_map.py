@@ -37,7 +37,8 @@ _DENSE_MATRICES = 4
 class MotionRows:
     """Rows of motion: nodes, then what moves on its own, such as hinged ends of beams.
 
-    Hashable, for caches.
+    For each row it has the node, whether the row is of an inner unknown, and which of its three
+    displacements no element uses. Hashable, for caches.
 
     Attributes:
         node_of_row: node that every row belongs to, [n_row], NumPy.

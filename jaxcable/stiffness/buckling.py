@@ -161,7 +161,7 @@ def buckling_factor(
         )
     after, slack = _tangent_and_slack(without_indices, index_arrays, dof_map)
     if reference is None:
-        pairs = _no_slack_conditions(structure, slack)
+        pairs = _pairs_that_forbid_slack(structure, slack)
         bare = _unstressed_state_with_zero_loads(without_indices, index_arrays, slack)
         before = tangent_matrix((*without_indices[:2], bare), index_arrays, dof_map)
     else:
@@ -222,8 +222,8 @@ def _refuse_follower_loads(restart, name):
         )
 
 
-def _no_slack_conditions(structure, slack):
-    """Return pairs (slack elements, False), which must be equal for factors to be valid.
+def _pairs_that_forbid_slack(structure, slack):
+    """Return pairs (slack elements, False), whose two items must be equal: none may be slack.
 
     There is a pair for each group whose elements can be slack, but have no state that is slack and
     unstressed. `slack` has a boolean array [n_elem] for each group.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import linear
 from ..analysis.activation import find_inactive_dofs
-from ..analysis.solution import Solution, State, state_to_look_at
+from ..analysis.solution import Solution, State, last_state_or_nan
 from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
@@ -123,7 +123,7 @@ def split_solution_state(
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
             index arrays, which `merge_solution_state` puts back; the numbering of the unknowns.
     """
-    state = state_to_look_at(state)
+    state = last_state_or_nan(state)
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its .last, got {type(state).__name__}")
     require_same_topology(structure, state.topology, "state")

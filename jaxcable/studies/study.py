@@ -19,7 +19,7 @@ from .cases import Cases, require_numbers, table
 from .grid import divide_into_chunks
 from .running import compute_missing_chunks
 from .store import CAUSE, ResultStore, create_store, describe_arrays
-from .task import ChunkTask, Settings, shapes_of_chunk
+from .task import ChunkTask, Settings, chunk_input_shapes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,7 +173,7 @@ def study(
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
     grid, path = divide_into_chunks(cases.shape, chunk), Path(store).absolute()
-    shapes = shapes_of_chunk(cases.block(np.array([0])), grid)
+    shapes = chunk_input_shapes(cases.block(np.array([0])), grid)
     task = ChunkTask(function, cases, grid, shapes, path, settings)
     try:
         results = _results_of_one_case(task.traced.result)

@@ -100,8 +100,8 @@ def summarize_error(error: BaseException) -> str:
     return (last if inner else f"{type(error).__name__}: {first}")[:_LONGEST_CAUSE]
 
 
-def shapes_of_chunk(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
-    """Return shapes and dtypes of a whole chunk of cases, for cases such as those in `block`."""
+def chunk_input_shapes(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
+    """Return shapes and dtypes of the inputs of a whole chunk, for cases as in `block`."""
     return jax.tree.map(
         lambda leaf: jax.ShapeDtypeStruct(
             (grid.chunk_size, *leaf.shape[1:]), jax.dtypes.canonicalize_dtype(leaf.dtype)
@@ -118,7 +118,7 @@ class ChunkTask:
         function: of one case, to a dict of arrays.
         cases: makes the cases; None if they are given to every call.
         grid: chunks.
-        shapes: of the cases of a whole chunk, as in `shapes_of_chunk`.
+        shapes: of the cases of a whole chunk, as in `chunk_input_shapes`.
         path: folder of the store.
         settings: of jax.
     """
@@ -177,7 +177,7 @@ class ChunkTask:
         A block for which the function raises is halved until the cases that do it are alone: they
         have NaN, like cases that fail. One program serves all: parts are filled up.
         """
-        if jax.tree.flatten(shapes_of_chunk(block, self.grid)) != jax.tree.flatten(self.shapes):
+        if jax.tree.flatten(chunk_input_shapes(block, self.grid)) != jax.tree.flatten(self.shapes):
             here = [str(leaf.dtype) for leaf in jax.tree.leaves(block)]
             there = [str(leaf.dtype) for leaf in jax.tree.leaves(self.shapes)]
             raise ValueError(f"cases: these are {here}, and others {there}, or have other shapes")
