@@ -162,7 +162,7 @@ analyse({}, of=jc.SlidingCables(ROPE, 1.0), method=jc.Incremental(stiffness="sec
     # ...elements (SlidingCables) has no secant
 friction(friction=[[0.1, -0.1]])  # ...friction[0, 1] = -0.1: must not be negative
 friction(friction=np.nan)  # ...friction... = nan: must not be negative
-friction(friction=[0.1] * 3)  # ...friction: expected ...shape (1,) or (1, 2), got (3,)
+friction(friction=[0.1] * 3)  # ...friction: expected ...shape (1,) or (2,) or (1, 2), got (3,)
 friction(links=[[0, 1]])  # ...links: no cable has a node between its ends
 friction(law=PLASTIC, area=1e-4)  # ...law: has history variables
 friction(jc.SlidingCatenaries, law=jc.Elastic(2e11), area=1e-4)

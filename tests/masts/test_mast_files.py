@@ -90,7 +90,7 @@ def test_tables_become_the_mast_of_the_json_file(tmp_path):
     ("table", "old", "new", "text"),
     [
         ("states", "ice,TIA", "wind,TIA", "states.csv: line 3: state: expected a name of its own"),
-        ("states", "TIA-222", "TIA", "states.csv: line 3: standard: expected one of"),
+        ("states", "TIA-222", "TIA", "states.csv: line 3: standard = 'TIA': expected one of"),
         ("guys", "120 240,,", "x 240,,", "guys.csv: line 3: azimuths: 'x' is not a number"),
         ("sections", "12,CHS", "x,CHS", "sections.csv: line 2: top: 'x' is not a number"),
     ],
@@ -111,7 +111,10 @@ REFUSED = {
     ),
     "unknown argument": ({"ancillaries": [{"heigth": 3}]}, "ancillaries[0]: "),
     "no object": ({"guys": [3]}, "guys[0]: expected an object"),
-    "unknown standard": ({"states": {"a": {"standard": "EN"}}}, "states.a: standard: expected"),
+    "unknown standard": (
+        {"states": {"a": {"standard": "EN"}}},
+        "states.a: standard = 'EN': expected",
+    ),
     "wrong number": (
         {"states": {"a": {"standard": "TIA-222", "velocity": 20, "ice": -1}}},
         "states.a: ice = -2.0: must not be negative",
