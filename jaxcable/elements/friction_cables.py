@@ -54,34 +54,31 @@ class FrictionCables(DeviatorResults, SlidingCables):
     loads can be reversed, and results depend on the path, so that more increments are more exact.
 
     A phase clamps a cable to deviators by ``Phase(clamped={"rope": values})`` with 1 (clamped) or
-    0, one number or [n_elem, n_deviator]; this holds until it is stated anew. A jack pulls at the
-    first end, and a shortening is taken out there, so that losses build up along the cable, or at
-    those ends that ``Phase(stressed_ends={"rope": [[0, 1]]})`` names (the first one, the last one,
-    or both, which share a shortening), until it is stated anew; a negative shortening after
-    lock-off is the draw-in of an anchor. Other changes of length are those of all segments alike.
+    0, one number or [n_elem, n_deviator], until it is stated anew. A jack pulls, and a shortening
+    is taken out, at the first end, or at those that ``Phase(stressed_ends={"rope": [[0, 1]]})``
+    names from then on (both share a shortening); a negative shortening after lock-off is the
+    draw-in of an anchor. Other changes of length are those of all segments alike.
 
-    `tension` of a cable is the mean over its length, `segment_tension` has all of them, `slip` what
-    has passed each deviator, `friction_used` how far the friction there is used, `clamp_force` what
-    a clamp holds.
+    `tension` is the mean over the length of a cable, `segment_tension` has all, `slip` what has
+    passed each deviator, `friction_used` the part of friction in use, `clamp_force` of a clamp.
 
     With a `radius` a node is the center of a circle, and tangent points move with the segments
     (`elements.cable_path`). `contact_arc` is the length on a saddle, `contact_pressure` its force
     per length, both negative where the cable would lift off. Each half of an arc has the tension of
     the segment beside it. Where beams or springs give the node rotations, the saddle rotates with
-    it, and the node gets the moment of the tensions at the tangent points (`saddle_moment`, about
-    x, y, z); where not, the saddle does not rotate, and no reaction contains this moment.
+    it, and the node gets the moment of the tensions (`saddle_moment`, about x, y, z); where not,
+    the saddle does not rotate, and no reaction contains this moment.
 
     Args:
         axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:
             as of `SlidingCables`, and so are `links`; the law has no history variables.
-        friction: coefficient of friction mu, without unit, scalar, [n_elem], or
-            [n_elem, n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones
-            leave the last numbers unused; one cable may have a flat list); default 0.
+        friction: coefficient of friction mu, without unit, scalar, [n_elem], or [n_elem,
+            n_deviator] with ``n_deviator = n_end - 2`` of the longest chain (shorter ones leave the
+            last numbers unused; one cable may have a flat list); default 0.
         axle_friction: of pulleys that turn with the cable, k, the friction coefficient of the axle
             times its radius over that of the pulley, without unit, likewise, below 1; default 0. It
             alone lets the tensions differ by k times the force on the axle; both add up in b.
-        wobble: friction of unintended angles, per length and multiplied by mu already, scalar or
-            [n_elem], 1/m; default 0.
+        wobble: friction of unintended angles, times mu, scalar or [n_elem], 1/m; default 0.
         radius: of saddles and pulleys, given as `friction`, m; default 0, a point.
         axis: vector without unit about which the cable turns there by the right-hand rule, normal
             to its segments within 20 degrees, [3] or [n_elem, n_deviator, 3]. Default: that about
@@ -89,7 +86,8 @@ class FrictionCables(DeviatorResults, SlidingCables):
 
     Raises:
         ValueError: as of `SlidingCables`; negative coefficients; a law that softens or has history;
-            a radius where the polygon of a cable is straight, or larger than half a segment.
+            a radius larger than half a segment, or where the polygon of a cable is straight; an
+            axis that does not fit, or without a radius.
 
     Source: Euler (1769) for the ratio of tensions.
 
