@@ -242,9 +242,9 @@ class Structure:
         """Number the rows of motion: nodes, hinged ends of beams, inner unknowns of elements.
 
         Returns:
-            rows: `dof_map.MotionRows`, or None if every row is a node.
-            groups: element groups with row numbers in place of node numbers in their links; cables
-                with saddles on nodes that rotate as `CablesOnRotatingSaddles`.
+            `dof_map.MotionRows`, or None if every row is a node; and the element groups with row
+            numbers in place of node numbers in their links, cables with saddles on nodes that
+            rotate as `CablesOnRotatingSaddles`.
         """
         count = self.n_node
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
