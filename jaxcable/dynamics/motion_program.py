@@ -83,6 +83,7 @@ def _run_after_removal(model, current, entries, plan):
     passed = jnp.arange(plan.steps + 1 - first) * data.duration
     sudden = data.release_duration <= 0
     share = jnp.where(sudden, 0.0, 1 - passed / jnp.where(sudden, 1.0, data.release_duration))
+    # nothing is released before the removal; after the duration of the release nothing is left
     share = jnp.concatenate([jnp.zeros(first, share.dtype), jnp.clip(share, 0.0, 1.0)])
     entries = {**entries, "released": share}
     at = jax.tree.map(lambda a: a[first], entries)

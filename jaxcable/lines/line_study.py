@@ -178,7 +178,7 @@ def _warn_of_overloads(section, states, results):
     over = [f"{name!r} ({x:.0%})" for name, x in zip(results.names, most, strict=True) if x > 1]
     if over:
         checks.warn_user(f"tension above the rated strength in the states {', '.join(over)}")
-    strains = np.nan_to_num(np.asarray(results.strain)).max(axis=1)
+    strains = np.nan_to_num(np.asarray(results.strain)).max(axis=1)  # NaN: failed, as above
     warmer = [states[name].temperature - one.temperature for name in results.names]
     beyond = [
         repr(name)

@@ -89,6 +89,7 @@ LINES = {
     "flat_net": (2500, 5800),
     # some 500 for interior-point steps of cables beside other elements (`partial_net`)
     # 30 to hold loose nodes where stability is judged
+    # a dozen for derivatives of loose nodes that are NaN in reverse mode, too
     "geiger_dome": (2900, 5820),
     # some 500 for kernels as functions, which are traced once
     "isolated_cable": (4700, 10400),

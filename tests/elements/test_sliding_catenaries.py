@@ -321,7 +321,7 @@ def test_a_jack_that_pays_a_cable_out_is_warned_of(increments):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*paid out:jaxcable.InputWarning")
+@pytest.mark.filterwarnings("ignore:.*paid out:jaxcable.InputWarning")  # a test above is of it
 @pytest.mark.parametrize("increments", [1, 2])
 def test_in_one_increment_the_tension_grows_away_from_the_jack(increments):
     solution = converged(jc.solve(*jacked_from_the_straight_line(increments)))
