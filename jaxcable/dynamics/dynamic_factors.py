@@ -49,7 +49,7 @@ def dynamic_factors(
         >>> moved = jc.dynamics.transient(structure, **times, masses=load, removes=gone)
         >>> factors = jc.dynamics.dynamic_factors(moved, before, after)
         >>> print(moved.status, after.status, factors.round(3))
-        0 0 [1.997   nan]
+        0 0 [ 2. nan]
     """
     first, last = (part.last if isinstance(part, Solution) else part for part in (before, after))
     present = last.present
