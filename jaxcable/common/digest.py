@@ -24,7 +24,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .jax_internals import is_jaxpr, is_jaxpr_literal
+from .jaxprs import is_jaxpr, is_jaxpr_literal
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _COLLECTIONS = {tuple, list, dict, set, frozenset, range, slice}

@@ -30,8 +30,10 @@ from jax._src.core import trace_ctx
 from jax._src.util import weakref_cache_key_types
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
-from jax.interpreters.partial_eval import dce_jaxpr, dce_rules
+from jax.interpreters.partial_eval import dce_rules
 from jaxlib.xla_client import batched_device_put
+
+from .jaxprs import results_that_depend
 
 _T = TypeVar("_T")
 implementation_of_keys = operator.attrgetter("_impl")  # by the dtype of random keys
@@ -156,12 +158,13 @@ def value_and_tangents(
 
 def linearize_entries(
     function: Callable[..., Sequence[Any]], leaves: Sequence[Any], moving: Sequence[int]
-) -> tuple[Sequence[Any], Any, list[int | None], list[Any]]:
+) -> tuple[Sequence[Any], list[bool], Any, list[int | None], list[Any]]:
     """Linearize a function of arrays at `leaves` by its arguments with the indices `moving`.
 
     Returns:
-        All results; the jaxpr from tangents of these arguments to those of results that are floats;
-        for each constant of the jaxpr its index among the leaves, or None; the other constants.
+        All results; which of them have a tangent, a list of bool; the jaxpr from tangents of these
+        arguments to those of these results; for each constant of the jaxpr its index among the
+        leaves, or None; the other constants.
     """
 
     def of_moving(*some):
@@ -174,7 +177,11 @@ def linearize_entries(
     known = {id(x): k for k, x in enumerate(leaves)}
     places = [known.get(id(x)) for x in part.consts]
     further = [x for x, k in zip(part.consts, places, strict=True) if k is None]
-    return values, part.jaxpr, places, further
+    moves = results_that_depend(part.jaxpr, [True] * len(at))
+    outvars = [x for x, own in zip(part.jaxpr.outvars, moves, strict=True) if own]
+    of_floats = iter(moves)
+    moved = [is_float(x) and next(of_floats) for x in values]
+    return values, moved, part.jaxpr.replace(outvars=outvars), places, further
 
 
 def is_undefined_primal(argument: Any) -> bool:
@@ -214,31 +221,6 @@ def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
 def function_of_jaxpr(program: Any) -> Callable[..., Any]:
     """Return the Python function that computes a closed jaxpr, as `jax.make_jaxpr` returns it."""
     return jaxpr_as_fun(program)
-
-
-def is_jaxpr(value: Any) -> bool:
-    """Tell whether a value is a jaxpr, with its constants or without."""
-    return hasattr(value, "eqns") and (hasattr(value, "consts") or hasattr(value, "constvars"))
-
-
-def is_jaxpr_literal(value: Any) -> bool:
-    """Tell whether an operand of an equation in a jaxpr is a literal number, not a variable."""
-    return hasattr(value, "val") and hasattr(value, "aval")
-
-
-def without_unused_equations(program: Any) -> Any:
-    """Return a closed jaxpr without equations that no result needs."""
-    used = [True] * len(program.jaxpr.outvars)
-    less, _ = dce_jaxpr(program.jaxpr, used, instantiate=True)
-    return ClosedJaxpr(less, program.consts)
-
-
-def scan_operand_counts(parameters: dict[str, Any]) -> tuple[int, int]:
-    """Return the numbers of constants and of carried values of a `scan`, from its parameters."""
-    if "num_consts" in parameters:
-        return parameters["num_consts"], parameters["num_carry"]
-    groups = parameters["ft_in"].unpack()  # since jax 0.12
-    return len(groups[0]), len(groups[1])
 
 
 # --- where the program is

@@ -1,14 +1,11 @@
-"""The steps of a motion in time, one after the other, in a `lax.scan` of checkpointed blocks.
+"""A step of a motion in time, and the state between two steps.
 
-A block has about as many steps as there are blocks, so that the memory of a gradient grows with the
-square root of the number of steps: of the forward pass only the state at the start of every block
-is kept, and the backward pass solves each block once more.
+A step is iterated to balance by the solvers of equilibrium. If it fails, it may be halved.
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
@@ -192,43 +189,3 @@ def _advance_undivided(current, system_at, entry, settings, duration):
 
     code = status.first_failure(current.code, outcome.code)
     return copy_with(finish(current, entry, known), code=code, factored=factored)
-
-
-def run_steps(
-    current: MarchState,
-    advance_step: Callable[[MarchState, Any], tuple[MarchState, Any]],
-    entries: Any,
-    count: int,
-) -> tuple[MarchState, Any]:
-    """Run `count` steps in checkpointed blocks: return the state after them, and stacked results.
-
-    Args:
-        current: `MarchState` before the first step.
-        advance_step: function of a state and an entry of `entries` that returns the next state and
-            the results of the step.
-        entries: pytree of arrays [count, ...].
-        count: number of steps.
-    """
-    size = max(1, math.isqrt(count - 1) + 1) if count else 1
-    blocks = -(-count // size)
-    padded = blocks * size
-
-    def fill(x):
-        more = jnp.broadcast_to(x[-1:], (padded - count, *x.shape[1:]))
-        return jnp.concatenate([x, more]).reshape(blocks, size, *x.shape[1:])
-
-    entries = jax.tree.map(fill, entries)
-    live = (jnp.arange(padded) < count).reshape(blocks, size)
-
-    def one(run, entry):
-        own, alive = entry
-        shapes = jax.eval_shape(advance_step, run, own)[1]
-        nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-        return lax.cond(alive, advance_step, lambda run, _: (run, nothing), run, own)
-
-    @functools.partial(jax.checkpoint, prevent_cse=False)
-    def block(run, entries):
-        return lax.scan(one, run, entries)
-
-    current, found = lax.scan(block, current, (entries, live))
-    return current, jax.tree.map(lambda x: x.reshape(padded, *x.shape[2:])[:count], found)

@@ -7,38 +7,73 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy_with
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..mechanics.load_ramp import LoadRamp
 from ..spaces import space_class
+from ..spaces.space import Forces, Motion
 from .conserving_system import ConservingSystem
 from .damping import Dashpots, ModalDamping, modal_damping_matrix, rayleigh_damping_matrices
 from .generalized_alpha import AlphaParameters, TimeStep, to_space_axes
 from .inertial_system import Inertia, InertialSystem
-from .march import MarchState, StepSettings, advance_one_step, run_steps
+from .march import MarchState, StepSettings, advance_one_step
 from .masses import element_mass_matrices, mass_times_acceleration, rotary_inertia, sum_at_nodes
-from .motion_plan import NODAL_HISTORIES, MotionHistories
+from .motion_plan import NODAL_HISTORIES, MotionData, MotionHistories, MotionPlan
 from .time_loads import set_moving_loads
 
 
+@pytree(static=("plan",))
 class MotionModel:
-    """A structure in motion: makes its system at a time, runs the steps, and records histories.
-
-    Args:
-        ramp: `LoadRamp`, whose parameter is time over the whole duration.
-        data: `MotionData`.
-        plan: `MotionPlan`.
-        method: `Newton`.
+    """A structure in motion: makes its system at a time, and records histories.
 
     Attributes:
+        ramp: `LoadRamp`, whose parameter is time over the whole duration.
+        data: `MotionData`.
+        method: `Newton`.
+        inertia: `Inertia` of the elements that are present, without dampers.
         released_forces: forces that removed elements exerted, and the loads on them, before they
             are ramped to zero, [n_row, n_freedom], N and N m; None without removal.
+        plan: `MotionPlan`.
     """
 
-    def __init__(self, ramp, data, plan, method):
-        self.ramp, self.data, self.plan, self.method = ramp, data, plan, method
-        self.released_forces = self.masses = None
+    ramp: LoadRamp
+    data: MotionData
+    method: Newton
+    inertia: Inertia
+    released_forces: Forces | None
+    plan: MotionPlan
+
+    @classmethod
+    def build(
+        cls,
+        ramp: LoadRamp,
+        data: MotionData,
+        method: Newton,
+        plan: MotionPlan,
+        entry: dict[str, Any],
+        x: Motion,
+    ) -> MotionModel:
+        """Return the model with masses and damping of the elements that are present.
+
+        `entry` has the loads of one time, `x` is the motion of all rows then.
+        """
+        bare = ramp.system_at(entry["parameter"], ramp.memory)
+        masses = element_mass_matrices(bare, x, data.gravity, plan.distribution)
+        nodal = values_at_rows(ramp, data.masses, width=1)[:, 0]
+        rotary = rotary_inertia(bare, x, data.gravity)
+        damping, nodal_damping = rayleigh_damping_matrices(data.dampings, bare, masses, nodal, x)
+        inertia = Inertia(masses, nodal, rotary, damping, nodal_damping, [])
+        return cls(ramp, data, method, inertia, None, plan)
+
+    @property
+    def settings(self) -> StepSettings:
+        """What is the same in all steps, `StepSettings`."""
+        parameters = AlphaParameters.from_spectral_radius(self.data.spectral_radius)
+        given = self.inertia, parameters, self.data.duration, self.method, self.plan.halvings
+        moves_supports = self.ramp.moved is not None
+        return StepSettings(*given, self._make_system, moves_supports=moves_supports)
 
     def system_at(self, entry: dict[str, Any], memory: Any) -> System:
         """Return the `System` without inertia under the loads of one time, `entry`.
@@ -55,50 +90,37 @@ class MotionModel:
             load = load + values_at_rows(self.ramp, entry["forces"])
         if "base" in entry:
             base = jnp.broadcast_to(entry["base"], (len(system.nodes), 3))
-            load = load - mass_times_acceleration(system, self.masses, base)
+            load = load - self._force_of_acceleration(system, base)
         if "released" in entry:
             load = load + entry["released"] * self.released_forces
         return copy_with(system, load=load)
 
-    def time_step_settings(self, entry: dict[str, Any], x: Any) -> StepSettings:
-        """Return the `StepSettings`, with masses and damping of the elements that are present.
+    def _force_of_acceleration(self, system, acceleration):
+        """Return mass times the accelerations of all rows, [n_row, 3], as nodal forces, N."""
+        masses = self.inertia.masses, self.inertia.nodal_mass
+        return mass_times_acceleration(system, masses, acceleration)
 
-        `entry` has the loads of one time, `x` is the motion of all rows then; also sets `masses`.
-        """
-        bare = self.ramp.system_at(entry["parameter"], self.ramp.memory)
-        data, gravity = self.data, self.data.gravity
-        masses = element_mass_matrices(bare, x, gravity, self.plan.distribution)
-        nodal = values_at_rows(self.ramp, self.data.masses, width=1)[:, 0]
-        self.masses = masses, nodal
-        rotary = rotary_inertia(bare, x, gravity)
-        damping, nodal_damping = rayleigh_damping_matrices(data.dampings, bare, masses, nodal, x)
-        inertia = Inertia(masses, nodal, rotary, damping, nodal_damping, [])
+    def _make_system(self, system, inertia, step, load_before=None):
+        """Make the system of a step, as `InertialSystem.from_system`."""
+        # a state alone, without a step to it, has no other forces
+        conserves = self.plan.conserves and load_before is not None
+        kind = ConservingSystem if conserves else InertialSystem
+        own = copy_with(inertia, dampers=self._damper_matrices(system, step))
+        return kind.from_system(system, own, step, load_before)
 
-        def momentum(shape):
-            rows = jnp.zeros((len(bare.nodes), 3), x.dtype).at[: self.plan.n_node].set(shape)
-            if bare.dof_map.node_of_row is not None:
-                rows = rows[bare.dof_map.node_of_row]
-            force = mass_times_acceleration(bare, self.masses, rows)[:, :3]
-            return sum_at_nodes(bare, force, self.plan.n_node)
-
-        def make_system(system, inertia, step, load_before=None):
-            # a state alone, without a step to it, has no other forces
-            conserves = self.plan.conserves and load_before is not None
-            kind = ConservingSystem if conserves else InertialSystem
-            dampers = self._damper_matrices(system, step, momentum)
-            own = copy_with(inertia, dampers=dampers)
-            return kind.from_system(system, own, step, load_before)
-
-        parameters = AlphaParameters.from_spectral_radius(self.data.spectral_radius)
-        method, halvings = self.method, self.plan.halvings
-        given = inertia, parameters, self.data.duration, method, halvings, make_system
-        return StepSettings(*given, moves_supports=self.ramp.moved is not None)
-
-    def _damper_matrices(self, system, step: TimeStep, momentum):
+    def _damper_matrices(self, system, step: TimeStep):
         """Return the `DamperMatrices` of dashpots and modal damping, a list.
 
         Dashpots have their directions at the predicted end of the step.
         """
+        count = self.plan.n_node
+
+        def momentum(shape):
+            rows = jnp.zeros((len(system.nodes), 3), shape.dtype).at[:count].set(shape)
+            if system.dof_map.node_of_row is not None:
+                rows = rows[system.dof_map.node_of_row]
+            return sum_at_nodes(system, self._force_of_acceleration(system, rows)[:, :3], count)
+
         found: list[Any] = []
         motion: Any = None
         for one in self.data.dampings:
@@ -110,24 +132,21 @@ class MotionModel:
                 found.append(modal_damping_matrix(one, jax.vmap(momentum)(one.shapes)))
         return found
 
-    def run(
-        self, current: MarchState, entries: dict[str, Any], settings: StepSettings, at: int, n: int
+    def advance(
+        self, current: MarchState, before: dict[str, Any], entry: dict[str, Any]
     ) -> tuple[MarchState, MotionHistories]:
-        """Run `n` steps from step `at` on: return the last `MarchState`, and histories."""
+        """Return the state after one step, and its record, without the axis of time.
 
-        def one(run, entry):
-            before, here = entry
-            after, parts = advance_one_step(run, self.system_at, here, before, settings)
-            return after, self.make_record(after, here, settings, parts)
-
-        ends = [jax.tree.map(lambda a, k=k: a[at + k : at + k + n], entries) for k in (0, 1)]
-        return run_steps(current, one, tuple(ends), n)
+        `before` and `entry` have the loads at the start and at the end of the step.
+        """
+        found, parts = advance_one_step(current, self.system_at, entry, before, self.settings)
+        return found, self.make_record(found, entry, parts)
 
     def make_record(
-        self, current: MarchState, entry: Any, settings: StepSettings, parts: Int[Array, ""]
+        self, current: MarchState, entry: dict[str, Any], parts: Int[Array, ""]
     ) -> MotionHistories:
         """Return the record of one time, `MotionHistories` without the axis of time."""
-        plan, state = self.plan, current.state
+        plan, state, settings = self.plan, current.state, self.settings
         x, count = state.motion, plan.n_node
         space: Any = space_class(self.ramp.groups)
         velocity, acceleration = (

@@ -14,12 +14,10 @@ NODAL_HISTORIES = ("displacement", "velocity", "acceleration", "rotation", "reac
 
 
 class MotionPlan(NamedTuple):
-    """Static arguments of the program of a motion: a change of one compiles it anew.
+    """Static arguments of the programs of a motion: a change of one compiles them anew.
 
     Attributes:
         bundles: which groups are evaluated together.
-        steps: number of steps.
-        steps_before_removal: number of steps before elements are removed; `steps` without removal.
         histories: names of the histories that are kept.
         nodes: nodes whose histories are kept, `Indices`; None: all.
         n_node: number of nodes.
@@ -30,8 +28,6 @@ class MotionPlan(NamedTuple):
     """
 
     bundles: Bundles
-    steps: int
-    steps_before_removal: int
     histories: tuple[str, ...]
     nodes: Indices | None
     n_node: int
@@ -43,7 +39,7 @@ class MotionPlan(NamedTuple):
 
 @pytree
 class MotionData:
-    """Traced arguments of the program of a motion.
+    """Traced arguments of the programs of a motion, but for the loads in time.
 
     Attributes:
         duration: duration of a step, s.
@@ -51,9 +47,6 @@ class MotionData:
         gravity: acceleration that weights are divided by, m/s2.
         masses: masses added to nodes, [n_node], kg, or None.
         velocity: velocity at the start, [n_node, 3 or 6], or None.
-        forces: forces on nodes in time, [steps + 1, n_node, 3 or 6], N and N m, or None.
-        base_acceleration: acceleration of the base in time, [steps + 1, 3], m/s2, or None.
-        moving_loads: leaves of moving loads in time, as `time_loads.moving_load_values` returns.
         dampings: list of dampings.
         remaining: which elements are not removed, per bundle [n_elem] bool; None if none is.
         release_duration: duration over which the forces of removed elements end, s.
@@ -64,12 +57,24 @@ class MotionData:
     gravity: Float[ArrayLike, ""]
     masses: Float[ArrayLike, " n_node"] | None
     velocity: Float[ArrayLike, "n_node n"] | None
-    forces: Float[ArrayLike, "m n_node n"] | None
-    base_acceleration: Float[ArrayLike, "m 3"] | None
-    moving_loads: list[list[Float[Array, "m ..."]]]
     dampings: list[Any]
     remaining: list[Bool[ArrayLike, " n_elem"]] | None
     release_duration: Float[ArrayLike, ""]
+
+
+@pytree
+class LoadsInTime:
+    """What acts on a structure in motion, at the times of the steps.
+
+    Attributes:
+        forces: forces on nodes, [steps + 1, n_node, 3 or 6], N and N m, or None.
+        base_acceleration: acceleration of the base, [steps + 1, 3], m/s2, or None.
+        moving_loads: leaves of moving loads, as `time_loads.moving_load_values` returns.
+    """
+
+    forces: Float[ArrayLike, "m n_node n"] | None
+    base_acceleration: Float[ArrayLike, "m 3"] | None
+    moving_loads: list[list[Float[Array, "m ..."]]]
 
 
 class MotionHistories(NamedTuple):

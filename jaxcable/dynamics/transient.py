@@ -32,7 +32,7 @@ from .motion_checks import (
     step_of_removal,
     warn_of_energy_error,
 )
-from .motion_plan import NODAL_HISTORIES, MotionData, MotionPlan
+from .motion_plan import NODAL_HISTORIES, LoadsInTime, MotionData, MotionPlan
 from .motion_program import compute_motion
 from .response import Transient
 from .time_loads import moving_load_values, sample_in_time, sort_time_loads
@@ -100,8 +100,8 @@ def transient(
 
     Every step is iterated to balance of forces, inertia and damping by the solvers of equilibrium:
     cables go slack and taut, beams rotate as far as they do. A pure function: jit, vmap, grad and
-    jvp work on it. A gradient keeps the states of about ``2 sqrt(steps)`` steps and computes each
-    step once more.
+    jvp work on it. A gradient keeps the state of every 32nd step, within `jax.jit` of about
+    ``sqrt(steps)`` steps, and computes each step once more.
 
     An `InputWarning` is issued (outside of transformations) where the steps gain or lose more than
     5 % of the largest energy (`EnergyBalance.error`). Such steps are too long, often for the axial
@@ -193,7 +193,7 @@ def transient(
     count = structure.n_node
     times = jnp.arange(steps + 1) * jnp.asarray(duration)
     time_loads = sort_time_loads(loads, structure, times)
-    phase = Phase(loads=time_loads.phase_loads or None, increments=steps)
+    phase = Phase(loads=time_loads.phase_loads or None)
     coupled = rows_coupled_by_damping(structure, dampings)
     conserves = scheme == "energy-momentum"
     if conserves:
@@ -218,18 +218,14 @@ def transient(
         gravity=gravity,
         masses=added,
         velocity=velocity,
-        forces=time_loads.forces,
-        base_acceleration=base,
-        moving_loads=moving,
         dampings=dampings,
         remaining=remaining,
         release_duration=release,
     )
+    acting = LoadsInTime(time_loads.forces, base, moving)
     kept_nodes = checked_node_indices(nodes, count)
     plan = MotionPlan(
         bundles=task.bundles,
-        steps=steps,
-        steps_before_removal=first,
         histories=checked_history_names(histories, structure),
         nodes=kept_nodes,
         n_node=count,
@@ -238,9 +234,8 @@ def transient(
         conserves=conserves,
         moving_loads=places,
     )
-    found = compute_motion(
-        task.without_indices, task.arrays, task.method, task.code, data, plan=plan
-    )
+    prepared = task.without_indices, task.arrays, task.method, task.code
+    found = compute_motion(*prepared, data, acting, plan, steps, first)
     arranged = {
         name: values if name in NODAL_HISTORIES else structure.arrange(values)
         for name, values in found.histories.items()

@@ -107,7 +107,6 @@ def _kernel_jvp(primals, tangents, *, program, **_):
     One kernel computes the values and what the linearization needs, another the tangents.
     """
     moving = internals.differentiated_arguments(primals, tangents)
-    floating = list(map(internals.is_float, program.out_avals))
     compute, traced = function_of_jaxpr(program), {}
 
     def forward(*leaves):
@@ -115,8 +114,8 @@ def _kernel_jvp(primals, tangents, *, program, **_):
         return [*values, *_pack_by_dtype(kept)]
 
     found = _KERNEL.bind(*primals, program=jax.make_jaxpr(forward)(*primals))
-    values, packed = found[: len(floating)], found[len(floating) :]
-    part, place = traced["linear"]
+    moved, part, place = traced["linear"]
+    values, packed = found[: len(moved)], found[len(moved) :]
     given = [primals[k] for k in place if k is not None]  # arguments need not be stored twice
 
     def linear(*arguments):
@@ -135,7 +134,7 @@ def _kernel_jvp(primals, tangents, *, program, **_):
     changes = iter(changes)
     return values, [
         next(changes) if own else internals.zero_tangent(x)
-        for x, own in zip(values, floating, strict=True)
+        for x, own in zip(values, moved, strict=True)
     ]
 
 

@@ -7,7 +7,7 @@ import functools
 import jax
 import numpy as np
 
-from ..common import host_calls
+from ..common import host_calls, jaxprs
 from ..common import jax_internals as internals
 from .block import Value
 from .rules import NoRuleError, places, rule
@@ -69,7 +69,7 @@ def _scan(block, equation, inputs):
     """
     given = equation.params
     jaxpr, constants = inner_jaxpr(given["jaxpr"])
-    n_const, n_carry = internals.scan_operand_counts(given)
+    n_const, n_carry = jaxprs.scan_operand_counts(given)
     length, first = given["length"], n_const + n_carry
     shared, initial, xs = inputs[:n_const], inputs[n_const:first], inputs[first:]
     stacked = [x.aval for x in equation.outvars[n_carry:]]

@@ -10,9 +10,11 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..common import jax_internals as internals
+from ..common import jaxprs
 from ..common.compilation import without_garbage_collection
 from ..common.jax_internals import held_weakly
 from ..common.types import Array
@@ -161,10 +163,23 @@ class MappedProgram(Program):
         base: `Program` of one case.
         axes: axis of each argument along which the cases are, None for what they share.
         leaves: arguments of the batch, in their shapes.
+
+    Attributes:
+        is_mapped: for each result whether it has a row for each case. Indices that do not depend on
+            the case have none: gathers by them are quicker. Floats always do: where jax has to
+            repeat them, it compiles a program for each shape.
     """
 
     def __init__(self, base: Program, axes: Sequence[int | None], leaves: Sequence[Any]):
-        super().__init__(jax.vmap(base.function, tuple(axes)), leaves)
+        depends = jaxprs.results_that_depend(
+            base.traced.jaxpr.jaxpr, [axis is not None for axis in axes]
+        )
+        self.is_mapped = [
+            own or bool(jnp.issubdtype(x.dtype, jnp.floating))
+            for x, own in zip(base.avals, depends, strict=True)
+        ]
+        results = [0 if mapped else None for mapped in self.is_mapped]
+        super().__init__(jax.vmap(base.function, tuple(axes), results), leaves)
         self._base, self._axes = base, axes
         self.arguments = [  # numbers of Python, too, may be arrays of NumPy by now
             x.update(weak_type=own.weak_type)
@@ -189,7 +204,10 @@ class MappedProgram(Program):
     @property
     def avals(self) -> list[Any]:
         """Shapes and dtypes of the results."""
-        return [x.update(shape=(self._n_case, *x.shape)) for x in self._base.avals]
+        return [
+            x.update(shape=(self._n_case, *x.shape)) if mapped else x
+            for x, mapped in zip(self._base.avals, self.is_mapped, strict=True)
+        ]
 
     def evaluate(self, leaves: Sequence[Any], work: list[float]) -> list[np.ndarray]:
         """Return the results by NumPy: case by case unless the program is small."""
@@ -202,4 +220,7 @@ class MappedProgram(Program):
         ]
         cases = itertools.islice(zip(*rows, strict=False), self._n_case)
         found = [self._base.evaluate(case, work) for case in cases]
-        return [np.stack(parts) for parts in zip(*found, strict=True)]
+        return [
+            np.stack(parts) if mapped else parts[0]
+            for parts, mapped in zip(zip(*found, strict=True), self.is_mapped, strict=True)
+        ]

@@ -115,19 +115,19 @@ class _Linearization:
     def _values_and_residuals(self, *leaves):
         """Return all results, then values that the linear part needs beside the arguments."""
         function = self.program.function
-        values, *linear, further = internals.linearize_entries(function, leaves, self.moving)
-        self.floats, (self.part, self.places) = list(map(internals.is_float, values)), linear
+        found = internals.linearize_entries(function, leaves, self.moving)
+        values, self.moved, self.part, self.places, further = found
         return [*values, *further]
 
     def tangents(self, primals, found, tangents):
-        """Return the tangents of the results that are floats, a list.
+        """Return the tangents of the results that depend on these arguments, a list.
 
         Args:
             primals: arguments of the program.
             found: results of the program `forward`.
             tangents: tangents of the arguments by which it is differentiated.
         """
-        residuals = iter(found[len(self.floats) :])
+        residuals = iter(found[len(self.moved) :])
         known = [next(residuals) if k is None else primals[k] for k in self.places]
         count = len(known)
         if self.linear is None:
@@ -148,10 +148,10 @@ def _call_jvp(primals, tangents, *, program, **_):
     own = program.derived(("jvp", moving), lambda: _Linearization(program, moving))
     found = _CALL.bind(*primals, program=own.forward)
     changes = iter(own.tangents(primals, found, [tangents[k] for k in moving]))
-    values = found[: len(own.floats)]
+    values = found[: len(own.moved)]
     return values, [
-        next(changes) if is_float else internals.zero_tangent(x)
-        for x, is_float in zip(values, own.floats, strict=True)
+        next(changes) if moved else internals.zero_tangent(x)
+        for x, moved in zip(values, own.moved, strict=True)
     ]
 
 
@@ -244,14 +244,14 @@ def _linear_call_transpose(cotangents, *arguments, program, count):
 def _batch_rule(primitive, arguments, axes, *, program, **given):
     """Rule for `jax.vmap` of a call: bind `primitive` to the program mapped over the batch.
 
-    Returns its results and their batch axes, all 0. `axes` are those of the arguments, None where
-    one is not mapped.
+    Returns its results and their batch axes, 0, or None of those that do not depend on the batch.
+    `axes` are those of the arguments, None where one is not mapped.
     """
     sizes = {x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None}
     key = "vmap", tuple(axes), *sizes
     own = program.derived(key, lambda: MappedProgram(program, axes, arguments))
     found = primitive.bind(*arguments, program=own, **given)
-    return found, [0] * len(found)
+    return found, [0 if mapped else None for mapped in own.is_mapped]
 
 
 def _define_call_primitive(name, jvp, transpose=None):

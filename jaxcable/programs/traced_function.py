@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..common import digest
+from ..common import digest, jaxprs
 from ..common import jax_internals as internals
 from ..common.compilation import trace_cache_context, without_garbage_collection
 from ..common.tree import pytree
@@ -131,7 +131,7 @@ def _copy_numpy_constants(program):
             if isinstance(x, np.ndarray):
                 constants[k] = x.copy()
         for x in (x for equation in jaxpr.eqns for x in equation.invars):
-            if internals.is_jaxpr_literal(x) and isinstance(x.val, np.ndarray):
+            if jaxprs.is_jaxpr_literal(x) and isinstance(x.val, np.ndarray):
                 x.val = x.val.copy()
 
 

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from ..common import jax_internals as internals
+from ..common import jaxprs
 from .block import Block, Names, Value
 from .rules import RULES, NoRuleError, numpy_dtype, places
 
@@ -25,7 +26,7 @@ def inner_programs(equation: Any) -> list[Any]:
     """Return the jaxprs in the parameters of an equation, with constants where they have some."""
     values = equation.params.values()
     each = [x for value in values for x in (value if isinstance(value, tuple | list) else (value,))]
-    return [x for x in each if internals.is_jaxpr(x)]
+    return [x for x in each if jaxprs.is_jaxpr(x)]
 
 
 def inner_jaxprs(equation: Any) -> list[Any]:
@@ -42,7 +43,7 @@ def write_equations(
         values[x] = block.names.constant(np.asarray(own, numpy_dtype(x.aval)))
 
     def read(x):
-        if internals.is_jaxpr_literal(x):
+        if jaxprs.is_jaxpr_literal(x):
             return block.names.constant(np.asarray(x.val, numpy_dtype(x.aval)))
         return values[x]
 

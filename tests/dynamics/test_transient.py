@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxcable as jc
-from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, transient
+from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, motion_program, transient
+from jaxcable.programs.program_calls import as_program
 
 # weights are masses
 pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
@@ -301,6 +302,74 @@ def swinging(p):
 
 def test_a_gradient_of_a_history():
     taylor.assert_gradient(swinging, [1.0, 1.0, 2.0, 0.5, 1.0])
+
+
+def broken_pendulum(p, steps=70):
+    """Two masses on ropes, the lower one gone after 40 steps: sum of places at the end, status."""
+    nodes = [[0.0, 0, 0], [0.4, 0, -0.9], [0.9, 0, -1.4]]
+    ropes = jc.Cables([[0, 1], [1, 2]], axial_stiffness=2e3, weight=3.0)
+    structure = jc.Structure(nodes, ropes, supports=jc.pinned([0]))
+    moved = transient(
+        structure,
+        [jc.NodalLoads([2], (0.0, 0.0, -30.0)), lambda t: p * jnp.sin(t) * jnp.ones((3, 3))],
+        dt=0.01,
+        steps=steps,
+        masses=[0.0, 2.0, 2.0],
+        spectral_radius=0.9,
+        removes=Removal(jc.only([1]), time=0.4, duration=0.1),
+        method=taylor.TIGHT,
+    )
+    return moved.displacement[-1, 1:].sum(), moved.status
+
+
+def test_motions_outside_and_inside_of_other_programs_agree():
+    """Blocks by a loop on the host, and by `lax.scan`: values, derivatives, and a batch."""
+
+    def value(p):
+        return broken_pendulum(p)[0]
+
+    def within(p):
+        return jnp.stack(jax.jvp(value, (p,), (jnp.ones_like(p),)))
+
+    p = jnp.asarray(1.5)
+    inside = np.asarray(as_program(within)(p))
+    found, status = broken_pendulum(p)
+    assert int(status) == 0
+    assert_allclose(found, inside[0], rtol=1e-11)
+    batch = np.asarray(jax.vmap(value)(jnp.array([0.5, 1.5])))
+    assert_allclose(batch[1], inside[0], rtol=1e-11)
+    assert np.abs(batch[0] - batch[1]).max() > 1e-3
+    assert_allclose(jax.grad(value)(p), inside[1], rtol=1e-8)  # both solve to 1e-13
+
+
+def test_motions_of_any_length_share_programs():
+    """Also those of derivatives, of which no block has its own."""
+    bar = jc.Bars([[0, 1]], axial_stiffness=STIFFNESS)
+    guide = jc.pinned([0]) + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], bar, supports=guide)
+
+    def thrown(steps, masses=2.0):
+        velocity = [[0, 0, 0], [1.0, 0, 0]]
+        moved = transient(structure, velocity=velocity, dt=1e-3, steps=steps, masses=masses)
+        return converged(moved)
+
+    jc.forget_programs()
+    moved = {steps: thrown(steps) for steps in (1, 31, 32, 33, 100)}
+    for steps, one in moved.items():  # the same path, as far as it goes
+        assert one.displacement.shape == (steps + 1, 2, 3)
+        assert_allclose(one.displacement, moved[100].displacement[: steps + 1], rtol=0, atol=1e-15)
+        assert_allclose(one.energy.kinetic, moved[100].energy.kinetic[: steps + 1], rtol=1e-12)
+    programs = motion_program._run_block, motion_program._begin_motion
+    assert [len(one.known) for one in programs] == [1, 1]
+    slopes = [
+        float(jax.grad(lambda m, steps=steps: thrown(steps, m).displacement[20, 1, 0])(2.0))
+        for steps in (20, 70)
+    ]
+    assert slopes[0] != 0
+    assert_allclose(slopes[1], slopes[0], rtol=1e-12)
+    (block,) = programs[0].known.values()
+    (derived,) = block.known.programs.values()
+    assert len(derived.linear.known.programs) <= 2  # transposes for the last block, and for others
 
 
 # --- failures, and what is refused

@@ -232,6 +232,26 @@ def test_an_operation_without_a_rule_is_compiled_alone(compilations):
     assert len(compilations) == 1 and program.work > 0
 
 
+def test_what_does_not_depend_on_an_argument_is_not_differentiated_or_mapped():
+    """By a program, in the program after it: floats have no tangents there, indices no cases."""
+
+    @as_program
+    def first(x, y, k):
+        return 2.0 * x, y + 1.0, k + 1
+
+    @as_program
+    def second(a, b, k):
+        return a * b[k]
+
+    def value(x):
+        return second(*first(x, np.arange(3.0), 1))
+
+    assert float(jax.grad(value)(1.0)) == 6.0
+    np.testing.assert_allclose(jax.vmap(value)(jnp.arange(2.0)), [0.0, 6.0])
+    kinds = [key[:2] for key in next(iter(second.known.values())).known.programs]
+    assert kinds == [("jvp", (0,)), ("vmap", (0, 0, None))]
+
+
 def test_a_program_of_another_size_of_a_batch_is_none_of_its_own(compilations):
     """Few cases are evaluated one by one."""
     analyse = jax.vmap(lambda k: jc.solve(*net(k)).tension)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax import lax
 
-from jaxcable.common import jax_internals as internals
+from jaxcable.common import jaxprs
 from jaxcable.programs.evaluator import write_program
 from jaxcable.programs.rules import RULES
 
@@ -24,7 +24,7 @@ def primitives(jaxpr):
         yield equation.primitive.name
         for value in equation.params.values():
             for inner in value if isinstance(value, tuple | list) else (value,):
-                if internals.is_jaxpr(inner):
+                if jaxprs.is_jaxpr(inner):
                     yield from primitives(getattr(inner, "jaxpr", inner))
 
 
