@@ -63,10 +63,11 @@ def compute_motion(
         at = np.int32(steps_before_removal)
         entries = _with_release(entries, data.duration, data.release_duration, at)
         model, current = _remove_elements(model, carry[0], _entry(entries, at))
-        _, found = _run_steps(model, (current, carry[1]), entries, steps_before_removal, steps)
+        carry, found = _run_steps(model, (current, carry[1]), entries, steps_before_removal, steps)
         ranges.append((steps - steps_before_removal, found))
     counts, parts = zip(*ranges, strict=True)
-    return _join_records(record, list(parts), loads, touched, counts=counts, bundles=plan.bundles)
+    given = record, list(parts), carry, loads, touched
+    return _join_records(*given, counts=counts, bundles=plan.bundles)
 
 
 @functools.partial(as_program, static=("plan",))
@@ -249,12 +250,13 @@ def _with_release(entries, duration, release, first):
 
 
 @functools.partial(as_program, static=("counts", "bundles"))
-def _join_records(first, ranges, loads, touched, counts, bundles):
+def _join_records(first, ranges, last, loads, touched, counts, bundles):
     """Return the `MotionHistories` of the start and of all steps, NaN where a step has failed.
 
     Args:
         first: record of the start.
         ranges: records of the steps before and after a removal, each a list of blocks.
+        last: `MarchState` and record after the last step.
         loads: `LoadsInTime`.
         touched: probe of the gradient by all other arguments of the motion.
         counts: number of steps in each range.
@@ -272,7 +274,8 @@ def _join_records(first, ranges, loads, touched, counts, bundles):
 
     blocks = [block for own in ranges for block in own]
     codes, parts, histories, energy = jax.tree.map(whole, first, *blocks)
-    touched = touched + implicit.gradient_probe(loads)
+    # nothing depends on the last state: by its zero cotangents the last block is as all others
+    touched = touched + implicit.gradient_probe(loads) + 0.0 * implicit.gradient_probe(last)
     ok = codes == status.OK
     histories, energy = implicit.nan_unless_probed(ok, (histories, energy), touched)
     names = {k: v for k, v in histories.items() if k not in NODAL_HISTORIES}

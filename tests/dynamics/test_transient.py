@@ -369,7 +369,7 @@ def test_motions_of_any_length_share_programs():
     assert_allclose(slopes[1], slopes[0], rtol=1e-12)
     (block,) = programs[0].known.values()
     (derived,) = block.known.programs.values()
-    assert len(derived.linear.known.programs) <= 2  # transposes for the last block, and for others
+    assert len(derived.linear.known.programs) == 1
 
 
 # --- failures, and what is refused
