@@ -69,7 +69,7 @@ def mode_shapes(
     >>> found = jc.dynamics.modes(structure, solution, n=2, masses=3.0)
     >>> figure = jc.plots.mode_shapes(found, solution, structure=structure)
     >>> [axes.get_title() for axes in figure.axes[:2]]
-    ['mode 1: 2.93 Hz', 'mode 2: 4.15 Hz']
+    ['mode 1: 8.02 Hz', 'mode 2: 8.49 Hz']
     """
     checks.require_whole_number(n, "n")
     snapshots = Snapshots(solution, structure, color)
