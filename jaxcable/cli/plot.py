@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.units import Units
 from ..elements.element import SECTION_FORCES
-from ..model.structure import Structure
+from ..scenes import Scene
 from . import file_names, inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
 from .solving import solve_and_show
@@ -46,10 +46,11 @@ def run(options: Namespace) -> int | None:
         print(f"wrote {path}")
         return None
 
-    def draw(structure: Structure, solution: Solution, units: Units | None) -> Figure | None:
+    def draw(scene: Scene, solution: Solution, units: Units | None) -> Figure | None:
         if int(solution.status) != status.OK:
             return None
-        same = {"structure": structure, "view": options.view, "units": units}
+        same: dict[str, Any] = {"structure": scene.structure, "names": scene.phase_names}
+        same |= {"view": options.view, "units": units}
         if diagram:
             return plots.diagram(solution, options.of, **same)
         colors = {"color": options.of, "one_scale": options.one_scale}

@@ -85,7 +85,7 @@ def run(options: Namespace) -> int | None:
         notes.append(f"NOT CHECKED, because {why}")
     findings = replace(findings, summary=(*findings.summary, *notes))
     # before anything is printed, because the reader of a pipe may end
-    wrote = _write_files(options, structure, solution, findings, cases, combinations)
+    wrote = _write_files(options, scene, solution, findings, cases, combinations)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if "-" in options.report else "\n".join(findings.summary))
     largest = [] if checks is None else str(checks).splitlines()
@@ -106,10 +106,11 @@ def run(options: Namespace) -> int | None:
     return outputs.report_failure(options, solution)
 
 
-def _write_files(options, structure, solution, findings, cases, combinations):
+def _write_files(options, scene, solution, findings, cases, combinations):
     """Write report, results and picture to the files that options name; return their paths.
 
-    `findings` is the `Report`; `cases` and `combinations` are None without combinations.
+    `scene` is the `Scene`, `findings` the `Report`; `cases` and `combinations` are None without
+    combinations.
     """
     wrote = []
     for path in options.report:
@@ -117,18 +118,19 @@ def _write_files(options, structure, solution, findings, cases, combinations):
             continue
         wrote += findings.save(
             path,
-            pictures=_pictures_for_report(path, structure, solution, findings, cases, combinations),
+            pictures=_pictures_for_report(path, scene, solution, findings, cases, combinations),
             title=options.title or Path(options.scene).stem,
             author=options.author,
             date=options.date,
         )
     for path in options.save:
-        wrote += outputs.save_solution(path, structure, solution, findings.units)
+        wrote += outputs.save_solution(path, scene.structure, solution, findings.units)
     if options.plot is not None:
         if int(solution.status) == status.OK:
             from .. import plots  # slow to import: matplotlib
 
-            figure = plots.net(solution, structure=structure, units=findings.units)
+            names, units = scene.phase_names, findings.units
+            figure = plots.net(solution, structure=scene.structure, names=names, units=units)
             outputs.save_picture(figure, options.plot)
             wrote.append(options.plot)
         else:
@@ -136,17 +138,19 @@ def _write_files(options, structure, solution, findings, cases, combinations):
     return wrote
 
 
-def _pictures_for_report(path, structure, solution, findings, cases, combinations):
+def _pictures_for_report(path, scene, solution, findings, cases, combinations):
     """Return the pictures of a report by their captions; None for formats without pictures.
 
-    `path` is that of the report, `findings` the `Report`; `cases` and `combinations` may be None.
+    `path` is that of the report, `scene` the `Scene`, `findings` the `Report`; `cases` and
+    `combinations` may be None.
     """
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
     from .. import plots  # slow to import: matplotlib
 
     names = None if combinations is None else combinations.names
-    return plots.for_report(structure, solution, cases=cases, names=names, units=findings.units)
+    known = {"names": names, "phase_names": scene.phase_names, "units": findings.units}
+    return plots.for_report(scene.structure, solution, cases=cases, **known)
 
 
 def _choose_method(options):

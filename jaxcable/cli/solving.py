@@ -13,6 +13,7 @@ from ..common.units import Units
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
+from ..scenes import Scene
 from . import inputs
 from .guard import refuse_value_errors
 
@@ -25,9 +26,9 @@ Smaller ones share their program with all other analyses from Python: it does no
 
 
 def solve_and_show(
-    options: Namespace, show: Callable[[Structure, Solution, Units | None], _Shown]
+    options: Namespace, show: Callable[[Scene, Solution, Units | None], _Shown]
 ) -> tuple[Solution, _Shown]:
-    """Analyse the scene of a command; return the solution and `show(structure, solution, units)`.
+    """Analyse the scene of a command; return the solution and `show(scene, solution, units)`.
 
     `units` are those in which the command shows the scene, None for SI.
 
@@ -37,7 +38,7 @@ def solve_and_show(
     units = inputs.shown_units(options, scene)
     with refuse_value_errors(options.scene):
         solution = solve_scene(options, *scene)
-        return solution, show(scene.structure, solution, units)
+        return solution, show(scene, solution, units)
 
 
 def solve_scene(

@@ -19,12 +19,12 @@ def run(options: Namespace) -> int | None:
         options.save, outputs.PAGES, usual=usual, inputs=[options.scene]
     )
     title = Path(options.scene).stem
-    solution, page = solve_and_show(
-        options,
-        lambda structure, solution, units: plots.view(
-            solution, out, structure=structure, title=title, units=units
-        ),
-    )
+
+    def show(scene, solution, units):
+        known = {"structure": scene.structure, "names": scene.phase_names, "units": units}
+        return plots.view(solution, out, title=title, **known)
+
+    solution, page = solve_and_show(options, show)
     print(f"wrote {page.path}")
     if not options.no_open:
         webbrowser.open(page.path.resolve().as_uri())

@@ -24,6 +24,9 @@ from ..mechanics.assembly import System
 from ..mechanics.elementwise import map_elements_at_ends
 from ..spaces.space import Forces, Motion
 
+DISTRIBUTIONS = "lumped", "consistent", "mean"
+"""Ways in which elements share their masses between their ends, by name."""
+
 
 def element_mass_matrices(
     system: System, x: Motion, gravity: Float[Array, ""], distribution: str | None

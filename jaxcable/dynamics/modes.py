@@ -29,6 +29,7 @@ from .inertia import (
     split_state_for_modes,
     total_effective_mass,
 )
+from .masses import DISTRIBUTIONS
 from .mode_derivatives import find_modes
 from .mode_warnings import (
     warn_of_freed_supports,
@@ -38,7 +39,6 @@ from .mode_warnings import (
 )
 
 _DENSE_MATRICES = 15  # dense matrices in memory at once, measured
-_DISTRIBUTIONS = ("lumped", "consistent", "mean")
 
 
 @pytree
@@ -181,7 +181,7 @@ def modes(
     checks.require_whole_number(n, "n")
     check_solver_name(linear_solver)
     if distribution is not None:
-        checks.require_one_of(distribution, "distribution", _DISTRIBUTIONS)
+        checks.require_one_of(distribution, "distribution", DISTRIBUTIONS)
     gravity = nan_if_broken(positive("gravity", gravity))
     added = nodal_masses(structure, masses)
     require_symmetric_elements(structure, "modes")

@@ -21,6 +21,7 @@ from ..model.structure import Structure
 from .conserving_system import require_energy_momentum_input
 from .damping import Dashpots, ModalDamping, Rayleigh, as_dampings, rows_coupled_by_damping
 from .inertia import nodal_masses
+from .masses import DISTRIBUTIONS
 from .motion_checks import (
     checked_history_names,
     checked_node_indices,
@@ -38,7 +39,6 @@ from .response import Transient
 from .time_loads import moving_load_values, sample_in_time, sort_time_loads
 
 SCHEMES = "generalized-alpha", "energy-momentum"
-DISTRIBUTIONS = "lumped", "consistent", "mean"
 
 
 @pytree

@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.checks import array_if_known
 from ..common.tree import copy_with, index_array, pytree, set_fields
-from ..common.types import ArrayLike, Bool, Float
+from ..common.types import ArrayLike, Bool, Float, Int
 from ..numerics.rotations import conjugate_moment, move_node_by_series
 from .cable_path import CablePath, path_over_saddles, saddle_moments
 from .element import Element, Ends, Forces, Motion
@@ -23,6 +24,8 @@ from .element_state import OwnState
 from .friction_cables import FrictionCables
 from .friction_state import FrictionState
 from .sliding import forces_of_segments
+
+_PARALLEL = 1e-9  # sine of the angle between axes of rounding
 
 
 @pytree(indices=("links",), kw_only=True)
@@ -103,3 +106,43 @@ def with_rotating_saddles(
         return found
 
     return [one(group) for group in groups]
+
+
+def resists_spin(
+    group: Element,
+    nodes: Float[np.ndarray, "n_node 3"],
+    spinning: Int[ArrayLike, " n"],
+    along: Float[np.ndarray, " 3"],
+) -> bool:
+    """Return whether cables on saddles, while taut, resist a rotation of nodes about a direction.
+
+    If the axis of a saddle is parallel to the direction, only friction does: it drags the cable
+    along, and the tensions differ by what has come over. Equal tensions have no moment about the
+    axis. About another direction the tangent points leave the plane of the tensions, which pull
+    them back: on a mast with the stiffness ``T s x / l`` for a segment of tension T, with tangent
+    point and anchor at distances s and x from the axis of the mast, and l apart. A clamp resists,
+    too, but only phases know of it.
+
+    Args:
+        group: group of any kind; only `FrictionCables` have saddles.
+        nodes: initial positions, [n_node, 3], m.
+        spinning: numbers of the nodes that rotate about the direction.
+        along: unit vector of the direction, [3].
+    """
+    if not isinstance(group, FrictionCables) or group.radius is None:
+        return False
+    links = np.asarray(index_array(group.links))
+    at = np.isin(links[:, 1:-1], spinning) & (links[:, 1:-1] != links[:, 2:])  # no fillers
+
+    def is_positive(value):
+        known = np.zeros(1) if value is None else array_if_known(value)
+        known = np.ones(1) if known is None else known  # traced: it may have any value
+        return np.broadcast_to(known.reshape(len(known), -1) > 0, at.shape)
+
+    rough = [is_positive(x) for x in (group.friction, group.axle_friction, group.wobble)]
+    axis = array_if_known(group.axis)
+    if axis is None:
+        start = nodes[links[:, 1:]] - nodes[links[:, :-1]]
+        axis = np.cross(start[:, :-1], start[:, 1:])
+    off = np.linalg.norm(np.cross(axis, along), axis=-1) > _PARALLEL * np.linalg.norm(axis, axis=-1)
+    return bool((at & is_positive(group.radius) & np.any([off, *rough], axis=0)).any())

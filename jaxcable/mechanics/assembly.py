@@ -231,11 +231,8 @@ class System(Elementwise):
         if not self._has_symmetric_elements:
             return jnp.ones((), bool)
         moments = self.space.moments(self.load)
-        return (
-            self.has_following_loads
-            if moments is None
-            else jnp.any(moments != 0) | self.has_following_loads
-        )
+        following = self.has_following_loads
+        return following if moments is None else jnp.any(moments != 0) | following
 
     @property
     def has_following_loads(self) -> Bool[Array, ""]:
@@ -252,6 +249,8 @@ class System(Elementwise):
         A matrix of `linear`: dense [n_free, n_free], or sparse if the `DofMap` has a pattern.
         `known` has tangents that are evaluated already, one item per group: [n_elem, d, d] or None.
         """
+        if self.dof_map.pattern is None and not self.dof_map.free.shape[0]:  # all is held
+            return jnp.zeros((0, 0), x.dtype)
         parts = self.matrix_parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
         return self.space.stabilize_torsional_mechanisms(self._assemble_matrix(parts), x)
 

@@ -5,6 +5,10 @@ position depends on this rotation, but the tangent is singular. Such lines are f
 from the geometry, and named in a warning. The analysis restrains one node of each line softly if
 the rotation is indeed without stiffness (`RotatingNodes.stabilize_torsional_mechanisms`).
 Equilibrium is not affected: under a torque about the line none exists.
+
+Where a saddle rotates with a node of the line, the cable on it may resist the rotation
+(`rotating_saddles.resists_spin`), but only while it is taut: such lines are found, too, because a
+slack cable leaves the tangent singular, and there is no warning.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from ..common import checks
 from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements.abilities import Bending
+from ..elements.rotating_saddles import resists_spin
 
 _LINE_TOLERANCE = (
     1e-9  # distance from a line, over the length of the piece, that counts as rounding
@@ -187,7 +192,14 @@ def describe_torsional_mechanisms(structure: Any, fixed: Any) -> Iterator[tuple[
         turning = mechanisms.rows[mechanisms.piece == number]
         turning = turning[turning < structure.n_node]
         along = nodes[second] - nodes[first]
-        along = np.round(along / np.linalg.norm(along), 6) + 0.0
+        along = along / np.linalg.norm(along)
+        spinning = turning
+        if structure.rigid is not None:
+            first_of_links, carried = structure.rigid.array.T
+            spinning = np.append(turning, carried[np.isin(first_of_links, turning)])
+        if any(resists_spin(group, nodes, spinning, along) for group in structure.groups):
+            continue
+        along = np.round(along, 6) + 0.0
         where = f"node {turning[0]} can spin about its line"
         if len(turning) > 1:
             where = f"nodes {turning.min()} to {turning.max()} can spin about their line"

@@ -39,7 +39,7 @@ class CorrectorState:
     Attributes:
         x: displacement, and rotation where there is one, of each node, [n_row, n_motion].
         moved: sum of the increments since the origin of the condition, u - u0, [n_free].
-        factor: load factor f.
+        load_factor: load factor f.
         direction, rise: tangent of the path, du [n_free] and df, scaled so that ``row . du + rise
             df = 1`` with `row` and `rise` of the condition.
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
@@ -55,7 +55,7 @@ class CorrectorState:
 
     x: Float[Array, "n_row n_motion"]
     moved: Float[Array, " n_free"]
-    factor: Float[Array, ""]
+    load_factor: Float[Array, ""]
     direction: Float[Array, " n_free"]
     rise: Float[Array, ""]
     residual_by_factor: Float[Array, " n_free"]
@@ -104,7 +104,7 @@ def correct_onto_path(
         return active & ~it.converged & ~it.failed & (it.steps <= _MAX_ITERATIONS)
 
     def iterate(it):
-        system = ramp.system_at(it.factor, memory)
+        system = ramp.system_at(it.load_factor, memory)
         x = system.impose_supports(it.x)
 
         def unbalanced(f):
@@ -113,7 +113,7 @@ def correct_onto_path(
 
         unit = zero + 1
         residual, residual_by_factor, scale = jax.jvp(
-            unbalanced, (it.factor,), (unit,), has_aux=True
+            unbalanced, (it.load_factor,), (unit,), has_aux=True
         )
         # an unloaded start has no forces to judge by: take the load that the phase adds
         scale = jnp.maximum(scale, max_abs(residual_by_factor))
@@ -123,7 +123,7 @@ def correct_onto_path(
         # after a short step the guess is nearly in equilibrium: make one correction at least
         settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT_GUESS * allowed))
         matrix = system.tangent(x)
-        lacks = target - row @ it.moved - rise * (it.factor - origin)
+        lacks = target - row @ it.moved - rise * (it.load_factor - origin)
         rhs = jnp.where(settled, 0.0, -residual), jnp.where(settled, 1.0, lacks)
         du, df, regular = linear.solve_bordered(
             matrix, residual_by_factor, row, rise, *rhs, unknowns_without_stiffness(system, x)
@@ -135,7 +135,7 @@ def correct_onto_path(
         return CorrectorState(
             x=jnp.where(onward, system.move(x, step), x),
             moved=it.moved + step,
-            factor=it.factor + jnp.where(onward, df, 0.0),
+            load_factor=it.load_factor + jnp.where(onward, df, 0.0),
             direction=jnp.where(settled, du, it.direction),
             rise=jnp.where(settled, df, it.rise),
             residual_by_factor=residual_by_factor,

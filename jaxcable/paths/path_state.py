@@ -48,7 +48,7 @@ class PathPoint:
     """A point of the equilibrium path, with its tangent.
 
     Attributes:
-        x, factor: displacements (and rotations) of the nodes, and load factor.
+        x, load_factor: displacements (and rotations) of the nodes, and load factor.
         direction, rise: unit tangent of the path: its part in the unknowns, [n_free], over
             `PathState.displacement_scale`, and its part in the load factor.
         memory: history variables with which a step from here begins, or None.
@@ -61,7 +61,7 @@ class PathPoint:
     """
 
     x: Float[Array, "n_row n_motion"]
-    factor: Float[Array, ""]
+    load_factor: Float[Array, ""]
     direction: Float[Array, " n_free"]
     rise: Float[Array, ""]
     memory: list[PyTree[Array]] | None

@@ -36,9 +36,9 @@ def make_point_record(
     `memory` has the history variables at the last accepted point. Residual and iterations of the
     corrector are added by `record_point`.
     """
-    seen = evaluate_output(ramp.system_at(p.factor, memory), p.x)
+    seen = evaluate_output(ramp.system_at(p.load_factor, memory), p.x)
     return {
-        "load_factor": p.factor,
+        "load_factor": p.load_factor,
         "displacement": p.x[:, :3],
         "found": seen.increment_results.by_name,
         "n_slack": seen.n_slack,
@@ -59,23 +59,23 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
     fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
     beside = select_tree(step.on_other_branch, current.bracket_end, step.bracket_end)
     crossing, at_limit = count_eigenvalue_sign_changes(beside, a, step.is_first)
-    zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
+    zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.load_factor)
     none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)
     event = {
-        "lower": a.factor,
-        "upper": p.factor,
+        "lower": a.load_factor,
+        "upper": p.load_factor,
         "row": current.n_point,
         "point": p,
         "null": step.has_null_vector,
     }
-    slips = [(step.has_slip, events.SLIP, p.factor, none, step.newly_slipping)]
+    slips = [(step.has_slip, events.SLIP, p.load_factor, none, step.newly_slipping)]
     for happened, kind, factor, number, elements in (
-        (step.has_limit_point & whole, events.LIMIT_POINT, p.factor, at_limit, no_element),
+        (step.has_limit_point & whole, events.LIMIT_POINT, p.load_factor, at_limit, no_element),
         (fork, events.BIFURCATION, zero, crossing, no_element),
-        (step.has_slackening, events.SLACKENING, p.factor, none, step.newly_slack),
-        (step.has_tightening, events.TIGHTENING, p.factor, none, step.newly_taut),
+        (step.has_slackening, events.SLACKENING, p.load_factor, none, step.newly_slack),
+        (step.has_tightening, events.TIGHTENING, p.load_factor, none, step.newly_taut),
         *([] if p.slipping is None else slips),
-        (step.has_failure, events.MATERIAL_FAILURE, p.factor, none, step.ruptured),
+        (step.has_failure, events.MATERIAL_FAILURE, p.load_factor, none, step.ruptured),
     ):
         event |= {"kind": jnp.int32(kind), "load_factor": factor}
         event |= {"multiplicity": number, "elements": elements}
@@ -87,7 +87,7 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
 def _factor_at_zero_stiffness(a, p):
     """Return the load factor at which the stiffness is zero between points `a` and `p` (linear)."""
     part = a.stiffness / jnp.where(a.stiffness == p.stiffness, 1.0, a.stiffness - p.stiffness)
-    return a.factor + part * (p.factor - a.factor)
+    return a.load_factor + part * (p.load_factor - a.load_factor)
 
 
 def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:

@@ -37,12 +37,12 @@ class StepDecision(StepEvents):
     def __init__(self, problem: PathProblem, current: PathState):
         super().__init__(problem, current)
         settings, p, by_load = problem.settings, self.point, self.is_load_step
-        inside = (p.factor < settings.until) & (p.factor > settings.down_to)
+        inside = (p.load_factor < settings.until) & (p.load_factor > settings.down_to)
         plain = self.usable & ~self.too_long & ~self.located & (current.step_kind == ARC)
         self.overshoots = plain & ~self.is_first & ~inside
         stays = self.overshoots | self.too_long | self.ends_in_failure | self.on_other_branch
         self.accepted = self.usable & ~stays
-        reached = by_load & (p.factor >= settings.until)
+        reached = by_load & (p.load_factor >= settings.until)
         self.completes_path = self.accepted & ((current.step_kind == FINISH) | reached)
         self.records_point = self.accepted & (
             ~current.locating | self.located | self.completes_path
@@ -84,8 +84,8 @@ class StepDecision(StepEvents):
         by_load = (self.accepted & ~self.corrected.regular) | self.retry_by_load
         by_load = by_load | ((self.retry | self.too_long) & self.is_load_step)
         kind = jnp.where(by_load, LOAD, jnp.where(self.overshoots, FINISH, ARC))
-        reach = jnp.where(p.factor >= settings.until, settings.until, settings.down_to)
-        span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
+        reach = jnp.where(p.load_factor >= settings.until, settings.until, settings.down_to)
+        span = (reach - a.load_factor) / jnp.where(a.rise == 0, 1.0, a.rise)
         ds = jnp.where(self.overshoots, jnp.abs(span), ds)
         onward_by_load = by_load & self.accepted & ~locating
         return copy_with(

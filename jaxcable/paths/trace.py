@@ -249,7 +249,7 @@ def _nan_where_unreached(values, reached):
 
 def _mode_shape(ramp, point):
     """Return the null vector at a point as displacements of all nodes, [n_node, 3], scaled to 1."""
-    space = ramp.system_at(point.factor, point.memory).space
+    space = ramp.system_at(point.load_factor, point.memory).space
 
     def moved(step):
         return space.prolong(point.x, step)[:, :3]
@@ -272,12 +272,12 @@ def _differentiable_event_load_factor(
     if ramp.memory is not None:  # history variables depend on all points before
         return factor
     system = LoadRamp.build(*implicit.first_derivative_only(problem)).system_at(
-        point.factor, point.memory
+        point.load_factor, point.memory
     )
     function, numbers, _ = system.local_residual(system.with_support_rotations(point.x))
     work = point.left_phi @ function(lax.stop_gradient(numbers))
     along = point.left_phi @ point.residual_by_factor
     smooth = (kind == LIMIT_POINT) & has_null_vector & (along != 0)
     change = work / jnp.where(smooth, along, 1.0)
-    exact = point.factor - (change - lax.stop_gradient(change))
+    exact = point.load_factor - (change - lax.stop_gradient(change))
     return jnp.where(smooth, exact, factor)

@@ -86,7 +86,7 @@ class TrialStep:
         corrected, free = self.corrected, current.step_kind == ARC
         known, new = current.displacement_scale, displacement_per_load(corrected, begin)
         scale = jnp.where(known > 0, known, new)
-        self.system = system = problem.ramp.system_at(corrected.factor, a.memory)
+        self.system = system = problem.ramp.system_at(corrected.load_factor, a.memory)
         self.point = self._end_point(scale)
         looks = system.has_rupture or system.has_memory
         self.strains = system.strains(corrected.x) if looks else []
@@ -96,7 +96,7 @@ class TrialStep:
         self.too_far = begin.largest_displacement(corrected.x) > _MECHANISM * problem.extent
         regular = corrected.regular | (self.is_load_step & begin.always_convex)
         gone = jnp.sqrt(
-            jnp.sum((corrected.moved / scale) ** 2) + (corrected.factor - a.factor) ** 2
+            jnp.sum((corrected.moved / scale) ** 2) + (corrected.load_factor - a.load_factor) ** 2
         )
         longest = jnp.maximum(jnp.sqrt(2.0) * settings.largest, current.ds)
         leapt = free & ~self.is_first & (gone > _LONGEST_JUMP * longest)
@@ -108,7 +108,7 @@ class TrialStep:
         ramp, settings, is_load_step = self.problem.ramp, self.problem.settings, self.is_load_step
         current, a, ds = self.current, self.current.anchor, self.current.ds
         free = current.step_kind == ARC
-        factor = a.factor + ds * jnp.where(is_load_step, 1.0, a.rise)
+        factor = a.load_factor + ds * jnp.where(is_load_step, 1.0, a.rise)
         factor = jnp.where(is_load_step, jnp.minimum(factor, settings.until), factor)
         end = jnp.where(a.rise > 0, settings.until, settings.down_to)
         factor = jnp.where(current.step_kind == FINISH, end, factor)
@@ -122,11 +122,11 @@ class TrialStep:
         condition = (
             jnp.where(free, a.direction / jnp.where(free, current.displacement_scale, 1.0), 0.0),
             jnp.where(free, a.rise, sense),
-            jnp.where(free, ds, sense * (factor - a.factor)),
+            jnp.where(free, ds, sense * (factor - a.load_factor)),
         )
         guess, active = (x, along, factor), ~is_load_step | (self.newton_code == status.OK)
-        tol = self.problem.tol
-        self.corrected = correct_onto_path(ramp, a.memory, guess, a.factor, condition, tol, active)
+        of_path = a.load_factor, condition, self.problem.tol
+        self.corrected = correct_onto_path(ramp, a.memory, guess, *of_path, active)
 
     def _end_point(self, scale):
         """Return the `PathPoint` at the end of the step, with its eigenvalues and unit tangent.
@@ -143,7 +143,7 @@ class TrialStep:
             corrected.matrix, loose, system.may_be_unsymmetric, near_bifurcation
         )
         return PathPoint(
-            *(corrected.x, corrected.factor, direction / size, rise / size, a.memory),
+            *(corrected.x, corrected.load_factor, direction / size, rise / size, a.memory),
             *inertia,
             *(
                 corrected.residual_by_factor,

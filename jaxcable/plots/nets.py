@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -134,7 +133,7 @@ def net(
 
     kinds = [("load", loads), ("reaction", reactions)]
     asked = [name for name, wanted in kinds if wanted]
-    arrows = _force_arrows(stages[-1].now, shown, views[-1], snapshots.links, asked, stated)
+    arrows = _force_arrows(snapshots, stages[-1].now, shown, views[-1], asked, stated)
     points = [np.concatenate([stage.points(), profile]) for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
     sections = [stage.now.section_axes() for stage in stages] if axes else []
@@ -240,24 +239,24 @@ def _choose_views(stages, view, units, profile, heights):
     return [second if second.plane and view in (None, second.kind) else first, second]
 
 
-def _force_arrows(snapshot, shown, view, links, asked, units):
+def _force_arrows(snapshots, snapshot, shown, view, asked, units):
     """Return the `ForceArrows` of loads and reactions of a state, a list.
 
     Args:
+        snapshots: `Snapshots` of the solution.
         snapshot: `Snapshot` of the picture.
         shown: `State` with the forces.
         view: `View` of the picture.
-        links: those of `Snapshots`.
         asked: what is drawn: some of "load" and "reaction".
         units: `Units` of legends, or None.
     """
-    pairs = links[0][snapshot.forces.present[links[1]]]
+    links, element = snapshots.links
+    pairs = links[snapshot.forces.present[element]]
     kinds = ("load", shown.load, True), ("reaction", shown.reactions, False)
-    every = (shown.load, shown.reactions, *jax.tree.leaves((shown.tension, shown.peak_tension)))
-    least = max(float(np.abs(np.asarray(x)).max(initial=0.0)) for x in every)
     at = snapshot.positions, view, snapshot.points(), pairs
+    negligible = snapshots.negligible_force()
     return [
-        ForceArrows(name, forces, *at, push, units, least)
+        ForceArrows(name, forces, *at, push, units, negligible)
         for name, forces, push in kinds
         if name in asked
     ]

@@ -20,6 +20,7 @@ from .envelopes import KINDS, envelope_diagram, largest_magnitude
 from .model_pictures import model
 from .nets import net
 from .snapshots import Snapshots
+from .tensions_along import cables_with_largest_drop, tension_along
 from .views import choose_view
 
 _PLACES = 41  # along beams: the largest value between two of them is off by 1e-3 at most
@@ -32,13 +33,15 @@ def for_report(
     *,
     cases: Solution | None = None,
     names: Sequence[str] | None = None,
+    phase_names: Sequence[str] | None = None,
     ground: Float[ArrayLike, "n 3"] | None = None,
     units: UnitsLike | None = None,
 ) -> dict[str, Figure]:
     """Draw the pictures of a report: the structure, its forces, and what governs over cases.
 
-    With cases there are their displacements, the structure in the case with the largest
-    utilization, and envelopes of the section forces of beams, as far as there are such.
+    Each group of cables with friction has a diagram of `tension_along` the cable with the largest
+    drop of tension. With cases there are their displacements, the structure in the case with the
+    largest utilization, and envelopes of the section forces of beams, as far as there are such.
 
     Args:
         structure: `Structure` that was analysed.
@@ -46,7 +49,9 @@ def for_report(
 
     Options:
         cases: `Solution` with a leading axis [n_case], as for `report`.
-        names: names of the cases, such as ``combinations.names``.
+        names: names of the cases, such as ``combinations.names``; without cases those of the
+            phases, as for `report`.
+        phase_names: names of the phases beside cases, such as the ``phase_names`` of a scene.
         ground: points of the ground along a line, as of `net`. Heights of a line, a plane structure
             without beams that is low, are magnified by one round factor in all pictures.
         units: units of the pictures, as of `net`.
@@ -56,7 +61,8 @@ def for_report(
         of an analysis that has failed.
 
     Raises:
-        ValueError: those of `net` and of `design.envelope`.
+        ValueError: those of `net`, another number of names than of phases among them, and of
+            `design.envelope`.
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import jaxcable as jc
@@ -70,11 +76,16 @@ def for_report(
     profile = np.zeros((0, 3)) if ground is None else np.asarray(ground, float).reshape(-1, 3)
     heights = _factor_on_heights(structure, solution, profile)
     look: Any = {"units": units, "heights": heights}
+    stages = names if cases is None and phase_names is None else phase_names
     ends = "the first and the last phase" if len(solution.phases) > 1 else "the phase"
     found = {
         "Structure: groups, nodes and elements": model(structure, **look),
-        f"Forces at the end of {ends}": net(solution, structure=structure, ground=ground, **look),
+        f"Forces at the end of {ends}": net(
+            solution, structure=structure, ground=ground, names=stages, **look
+        ),
     }
+    for cable, caption, phases in cables_with_largest_drop(solution):
+        found[caption] = tension_along(solution, **cable, phases=phases, names=stages, units=units)
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
         return found
     extremes = envelope(structure, cases, names, places=_PLACES)

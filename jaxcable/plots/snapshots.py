@@ -13,8 +13,10 @@ from ..analysis.phase_results import Path as Increments
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common import checks
+from ..common.negligible import NEGLIGIBLE
 from ..common.types import Bool, Float, Int
 from ..design.arguments import require_phase_index
+from ..model.phase_plausibility import known_axial_stiffness
 from ..model.result_parts import element_faces, result_columns, straight_pieces
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -237,6 +239,25 @@ class Snapshots:
         motion = self._curves.initial_positions, displacement
         supports = fixed, self._rotates, on_ground
         return Snapshot(*place, *motion, element_results, forces, *supports, curves, end)
+
+    def negligible_force(self) -> float:
+        """Return the size up to which loads and reactions are rounding errors, N.
+
+        It is the largest of three: 1e-7 of the largest load, reaction or axial force at the end of
+        any phase, because what is slack may have been taut; the rounding errors of the residuals;
+        and, with a structure, the axial stiffness times the rounding of a strain.
+        """
+        ends = [*self.solution.phases, self.solution.last]
+        forces = [(end.load, end.reactions, end.tension, end.peak_tension) for end in ends]
+        rounding = [phase.path.rounding for phase in self.solution.phases]
+        groups = () if self.structure is None else self.structure.groups
+        stiffness = [known_axial_stiffness(group) for group in groups]
+        shares = (NEGLIGIBLE, forces), (1.0, rounding), (np.finfo(float).eps, stiffness)
+        return max(
+            share * float(np.fmax.reduce(np.abs(values), axis=None, initial=0.0))
+            for share, tree in shares
+            for values in (0.0, *jax.tree.leaves(tree))
+        )
 
     def state_to_draw(self, state: State | None, phase: int | None = None) -> State:
         """Return the `State` to draw: `state`, else the end of `phase`, else of the solution.

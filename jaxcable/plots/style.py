@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.transforms import ScaledTranslation
 
 from ..common.units import Units
 from ..common.writing import MADE_BY, atomic_write
@@ -168,21 +169,28 @@ def fold_labels(handles: Sequence[Any], width: float) -> None:
 
 
 def legend_below(
-    axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
+    axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.5
 ) -> None:
-    """Put a legend `drop` inches below axes, in at most this number of columns.
+    """Put a legend `drop` inches below axes, in at most this number of columns, and as many as fit.
 
     `handles` are its entries, None for those of the axes; without entries there is no legend.
     """
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
-        fold_labels(handles, axes.figure.get_size_inches()[0])
-        lower = -drop / (axes.get_position().height * axes.figure.get_size_inches()[1])
+        width = axes.figure.get_size_inches()[0]
+        fold_labels(handles, width)
+        lines = [handle.get_label().splitlines() for handle in handles]
+        widths = [_MARK + max(map(len, own), default=0) / _CHARACTERS for own in lines]
+        columns = min(columns, len(handles))
+        while columns > 1 and sum(map(max, np.array_split(widths, columns))) > width:
+            columns -= 1
+        down = ScaledTranslation(0.0, -drop, axes.figure.dpi_scale_trans)
         axes.legend(
             handles=handles,
             loc="upper center",
-            bbox_to_anchor=(0.5, lower),
-            ncols=min(columns, len(handles)),
+            bbox_to_anchor=(0.5, 0.0),
+            bbox_transform=axes.transAxes + down,
+            ncols=columns,
             borderaxespad=0.0,
             **LEGEND,
         )

@@ -138,7 +138,8 @@ class ForceArrows:
             that would lie on an element lies on the other side of its node; if it would lie on one
             there, too, it is drawn under the elements.
         units: `Units` of the largest force in the legend; None for N, kN or MN.
-        least: a force, N; what is `NEGLIGIBLE` beside it is not drawn.
+        negligible: size up to which a force is not drawn, N; nor is what is `NEGLIGIBLE` beside
+            the largest force.
 
     Attributes:
         tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
@@ -158,14 +159,14 @@ class ForceArrows:
         links: Int[np.ndarray, "n_piece 2"],
         push: bool,
         units: Units | None = None,
-        least: float = 0.0,
+        negligible: float = 0.0,
     ):
         self.units = units
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
         self.name, self.color = name, LOAD if push else REACTION
         self.largest = float(size.max(initial=0.0))
-        node = np.flatnonzero(size > NEGLIGIBLE * max(self.largest, least))
+        node = np.flatnonzero(size > max(NEGLIGIBLE * self.largest, negligible))
         self.count = len(node)
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..common import checks
+from ..common.negligible import NEGLIGIBLE
 from ..common.units import UnitsLike, as_units
 from ..elements.friction_state import CLAMP_FORCE, FRICTION_USED, SEGMENT_TENSION
 from ..elements.sliding_catenaries import END_TENSIONS
+from ..model.result_parts import straight_pieces
 from .element_forces import values_by_group
-from .snapshots import Snapshots
+from .snapshots import Snapshots, evenly_spaced_indices
 from .style import GRID, INK, display_unit, finish_figure, legend_below, new_figure, series_style
 
+_MOST = 6
+"""Curves of a diagram in a report, at most: more are hard to tell apart."""
 _USED = 1 - 1e-6
 """Share of the largest ratio of tensions from which friction counts as fully used."""
 _SEEN = 1e-4
@@ -102,6 +107,46 @@ def tension_along(
     axes.grid(color=GRID)
     legend_below(axes, columns=3)
     return finish_figure(figure, path)
+
+
+def cables_with_largest_drop(solution: Solution) -> list[tuple[dict[str, Any], str, list[int]]]:
+    """Choose the diagrams of a report: of each group with friction the cable to draw.
+
+    It is the one with the largest difference between the tensions of its segments at the end of a
+    phase. A group whose cables have none is left out.
+
+    Args:
+        solution: `Solution` that has converged.
+
+    Returns:
+        For each group the arguments `group` and `element` of `tension_along`, a caption, and the
+        indices of the phases to draw: at most six of those in which the cable is there.
+    """
+    snapshots = Snapshots(solution)
+    ends = [snapshots.after_phase(k).forces for k in range(len(solution.phases))]
+    tensions = [forces.segment_tension for forces in ends if forces.segment_tension is not None]
+    if not tensions:
+        return []
+    _, element, _ = straight_pieces(snapshots.parts)
+    low, high = np.full((2, len(ends), len(ends[0].group)), np.nan)  # of elements
+    for least, most, tension in zip(low, high, tensions, strict=True):
+        np.fmin.at(least, element, tension)
+        np.fmax.at(most, element, tension)
+    drop = np.fmax.reduce(high - low, axis=0, initial=0.0)
+    found = []
+    for number, part in enumerate(snapshots.parts):
+        own = np.flatnonzero(ends[0].group == number)
+        if drop[own].max(initial=0.0) <= NEGLIGIBLE * np.fmax.reduce(high, axis=None):
+            continue
+        chosen = int(drop[own].argmax())
+        phases = np.flatnonzero(~np.isnan(high[:, own[chosen]]))
+        phases = phases[evenly_spaced_indices(len(phases), _MOST)]
+        key = part.name.strip("[]'")
+        caption = "Tension along " + f"{key}, element {chosen}".lstrip(", ")
+        if len(own) > 1:
+            caption += f": the largest drop of {len(own)} cables"
+        found.append(({"group": key, "element": chosen}, caption, phases.tolist()))
+    return found
 
 
 def _group_index(parts, group):

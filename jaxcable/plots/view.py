@@ -108,7 +108,7 @@ def view(
     _add_geometry(description, arrays, snapshots, shots)
     _add_curves(arrays, snapshots, shots)
     _add_results(description, arrays, snapshots, shots)
-    _add_supports_and_nodal_forces(arrays, shots)
+    _add_supports_and_nodal_forces(arrays, snapshots, shots)
     description["colors"] = _page_colors()
     if stated is not None:
         columns = {column["unit"] for column in description["columns"]}
@@ -229,27 +229,32 @@ def _add_results(description, arrays, snapshots, shots):
     arrays.add("rest_length", "f", [concatenate_values(end.rest_length, parts) for end in ends])
 
 
-def _add_supports_and_nodal_forces(arrays, shots):
+def _add_supports_and_nodal_forces(arrays, snapshots, shots):
     """Add supports, loads and reactions at the ends of phases to the arrays of the page.
 
     `shots` are all `Snapshot`s of the page; those within phases are skipped. Loads and reactions
-    are written for the nodes in "loaded" and "held" only: others have none in any phase.
+    are written for the nodes in "loaded" and "held" only: others have none in any phase. Forces
+    that are negligible in all `snapshots` are zero.
     """
     shots = [shot for shot in shots if shot.end is not None]
     normal = choose_view(shots[0].initial_positions).normal
     arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3, 3] for shot in shots])
-    load, reactions = (
+    load, reactions, moments = (
         np.stack([np.asarray(getattr(shot.end, name)) for shot in shots])
-        for name in ("load", "reactions")
+        if getattr(shots[-1].end, name) is not None
+        else np.zeros((len(shots), 0, 3))
+        for name in ("load", "reactions", "reaction_moments")
     )
-    loaded, held = (np.flatnonzero((x != 0).any(axis=(0, 2))) for x in (load, reactions))
+    for forces in (load, reactions):
+        forces[np.linalg.norm(forces, axis=2) <= snapshots.negligible_force()] = 0.0
+    loaded = np.flatnonzero(load.any(axis=(0, 2)))
+    held = np.union1d(*(np.flatnonzero(x.any(axis=(0, 2))) for x in (reactions, moments)))
     arrays.add("loaded", "u", loaded)
     arrays.add("load", "f", load[:, loaded])
     arrays.add("held", "u", held)
     arrays.add("reactions", "f", reactions[:, held])
-    moments = [shot.end.reaction_moments for shot in shots]
-    if moments[-1] is not None:
-        arrays.add("reaction_moments", "f", np.stack(moments)[:, held])
+    if moments.size:
+        arrays.add("reaction_moments", "f", moments[:, held])
 
 
 def _page_colors():

@@ -1,5 +1,6 @@
 """The first steps of a new user: `new`, its scenes and scripts, and `plot`."""
 
+import base64
 import inspect
 import json
 import re
@@ -288,6 +289,21 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         assert kind == name and not drawn
         assert {key: call[key] for key in expected} == expected, words
         assert call["solution"] is by_nodes[len(call["structure"].nodes)]
+
+
+def test_pictures_have_the_names_of_the_phases_of_a_scene(scenes, solved, capsys, monkeypatch):
+    scene = jc.load_scene("net.json").with_phase_names(["tensioned", "under snow"])
+    jc.save_scene("named.json", scene)
+    monkeypatch.setattr("jaxcable.cli.solving.solver.solve", lambda *_, **__: solved["net"][2])
+    assert main(["solve", *"named.json --report r.html --plot solved.svg".split()]) == 0
+    assert main(["plot", *"named.json --save plot.svg".split()]) == 0
+    assert main(["view", *"named.json --save view.html --no-open".split()]) == 0
+    pictures = re.findall('data:image/svg[^,]*,([^"]+)', read("r.html"))
+    texts = [base64.b64decode(text).decode() for text in pictures[1:2]]
+    for text in (*texts, read("solved.svg"), read("plot.svg")):  # texts are in comments, too
+        assert "<!-- tensioned: " in text and "<!-- under snow -->" in text
+    assert len(pictures) == 2
+    assert "under snow" in read("view.html")
 
 
 def test_plot_lies_beside_its_scene_and_is_of_every_kind(scenes, capsys):

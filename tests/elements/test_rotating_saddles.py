@@ -232,6 +232,64 @@ def test_foot_of_a_beam_pylon():
     assert_allclose(at_top, [[0.0, -moment, 0.0]], atol=1e-9 * moment)
 
 
+# --- beams that spin about their own line
+
+
+STIFF = jc.Section.linear(EA=1e9, EIy=1e9, EIz=1e9, GJ=1e9)
+
+
+def on_spinning_mast(rigid):
+    """A cable from 6 m over a saddle on a mast on a ball joint, whose top is held, to 6 m."""
+    nodes = [[0.0, 0, 0], [0, 0, 4.0], [-6.0, 0, 0], [6.0, 0, 0], [0, 0, 3.5]]
+    cable = jc.FrictionCables(links=[[2, 1, 3]], axial_stiffness=1e9, radius=0.5)
+    mast = jc.Beams([[0, 4 if rigid else 1]], section=STIFF)
+    held = jc.pinned([0, 2, 3]) + jc.restrained([4 if rigid else 1], "xy")
+    nodes, link = (nodes, [[4, 1]]) if rigid else (nodes[:4], None)
+    return jc.Structure(nodes, {"mast": mast, "cable": cable}, held, rigid=link)
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_a_cable_on_its_saddle_keeps_a_mast_from_spinning(rigid):
+    """Without friction: points at s and x from the axis, l apart, resist with T s x / l each."""
+    structure = on_spinning_mast(rigid)  # a warning would be an error
+    torque = jc.NodalLoads([4 if rigid else 1], (0.0, 0, 0), moments=(0.0, 0, 1.0))
+    phase = jc.Phase(pretension={"cable": 1e5}, loads=torque)
+    solution = converged(jc.solve(structure, phase, TIGHT))
+    tension = np.asarray(solution.element_results["segment_tension"]["cable"][0])
+    height = float(solution.positions[1, 2])
+    far = np.hypot(6.0, height)  # of the anchor from the center
+    length = np.sqrt(far**2 - 0.5**2)
+    # the tangent point is r from the center, at acos(r / far) above the line to the anchor
+    arm = 0.5 * np.cos(np.arccos(0.5 / far) - np.arctan2(height, 6.0))
+    # the square of the angle, 3e-5, is left out
+    assert_allclose(solution.rotation_vector[1, 2], 1 / (2 * tension[0] * arm * 6 / length), 1e-8)
+    # slack cables hold nothing: the spin stays zero, as of any beam that is free
+    slack = jc.Phase(shortening={"cable": -0.1}, loads=jc.NodalLoads([1], (0.0, 0, -1e3)))
+    assert_allclose(converged(jc.solve(structure, slack)).rotation_vector, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_only_friction_keeps_an_axle_from_spinning(friction):
+    """The axis of the saddle is that of the beam: the cable is dragged, ``2 r^2 EA / l``."""
+    nodes = [[0.0, -1, 0], [0, 0, 0], [0, 1, 0], [-4.0, 0, -3], [4, 0, -3]]
+    cable = jc.FrictionCables(links=[[3, 1, 4]], axial_stiffness=1e6, friction=friction, radius=0.5)
+    elements = {"axle": jc.Beams([[0, 1], [1, 2]], section=STIFF), "cable": cable}
+    held = jc.pinned(range(5))
+    if not friction:
+        with pytest.warns(jc.InputWarning, match="nodes 0 to 2 can spin about their line"):
+            jc.Structure(nodes, elements, held)
+        return
+    structure = jc.Structure(nodes, elements, held)
+    torque = jc.NodalLoads([1], (0.0, 0, 0), moments=(0.0, 1.0, 0))
+    phases = [jc.Phase(pretension={"cable": 1e4}), jc.Phase(loads=torque)]
+    solution = converged(jc.solve(structure, phases, TIGHT))
+    straight = np.sqrt(25 - 0.5**2)
+    arc = 0.5 * (np.pi / 2 + np.arctan2(3, 4) - np.arccos(0.5 / 5))  # half of it
+    rest = (straight + arc) / (1 + 1e4 / 1e6)
+    # to residuals of 1e-13 of 1e4 N beside a torque of 1 N m
+    assert_allclose(solution.rotation_vector[1, 1], rest / (2 * 0.5**2 * 1e6), rtol=1e-8)
+
+
 # --- with other nodes, in paths, in motions, in reports
 
 

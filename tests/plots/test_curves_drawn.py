@@ -1,11 +1,14 @@
 """Curves, diagrams of section forces and arrows: by the vertices that are drawn."""
 
+import warnings
+
 import numpy as np
 import pytest
 import scenes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.quiver import Quiver
 from oracles.convergence import converged
+from test_view import decoded
 
 import jaxcable as jc
 from jaxcable.model.result_parts import straight_pieces
@@ -241,7 +244,7 @@ def test_reactions_of_rounding_size_have_no_arrows():
     force = np.array([[0.0, 0, 0], [1e-10, 0, 0], [0, 1e-13, 0]])
     at = force, nodes, view, nodes, np.array([[0, 1]])
     assert len(symbols.ForceArrows("reaction", *at, push=False).tails) == 2
-    assert not symbols.ForceArrows("reaction", *at, push=False, least=1e3).legend_entries()
+    assert not symbols.ForceArrows("reaction", *at, push=False, negligible=1e3).legend_entries()
     structure, phases = jc.scenes.flat_net()
     solution = converged(jc.solve(structure, phases))
     tiny = jc.replace(solution.last, reactions=1e-13 * solution.last.reactions)
@@ -249,6 +252,51 @@ def test_reactions_of_rounding_size_have_no_arrows():
         figure = jc.plots.net(solution, structure=structure, state=state, reactions=True)
         texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
         assert sum("reaction" in text for text in texts) == count
+
+
+def test_forces_of_slack_structures_are_not_drawn():
+    """A load that is taken off; and a net that is slack from the beginning."""
+    nodes = [[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 0]]
+    net = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=100e3)
+    structure = jc.Structure(nodes, net, jc.pinned([0, 1, 2, 3]))
+    on, off = (jc.Phase(loads=jc.NodalLoads([4], (0, 0, f))) for f in (-10.0, 10.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jc.UnstableWarning)  # a flat net without prestress
+        unloaded = converged(jc.solve(structure, [on, off]))
+        slack = converged(jc.solve(structure, jc.Phase(shortening=-0.01)))
+    # F = 2 EA w^3 of four links of 1 m, and T = EA w^2 / 2: 68 N; then a sag of some 1e-6 m is left
+    assert 0 < np.abs(unloaded.reactions).max() < 0.5 * 100e3 * 1e-12
+    assert not reaction_texts(unloaded) and reaction_texts(unloaded, phase=0)
+    _, arrays = decoded(jc.plots.view(unloaded, None))
+    held, shown = arrays["held"], arrays["reactions"]
+    assert held.tolist() == [0, 1, 2, 3]
+    assert shown[0].any(axis=1).all() and not shown[1].any()
+    noise = np.where(np.arange(5)[:, None] < 4, 1e-115, 0.0) * np.ones(3)
+    last = jc.replace(slack.last, reactions=noise)
+    assert not reaction_texts(slack, state=last, structure=structure)
+    # 1e-12 N are no rounding error beside EA = 1e5 N times 2e-16, of a structure as small as this
+    tiny = jc.replace(structure, elements=jc.replace(net, axial_stiffness=1e-6))
+    few = jc.replace(slack.last, reactions=1e103 * noise)
+    assert not reaction_texts(slack, state=few, structure=structure)
+    assert reaction_texts(slack, state=few, structure=tiny)
+
+
+def reaction_texts(solution, **options):
+    figure = jc.plots.net(solution, reactions=True, **options)
+    texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    return [text for text in texts if "reaction" in text]
+
+
+def test_the_page_has_moments_of_supports_without_forces():
+    """A cantilever under a moment at its tip: the support has this moment, and no force."""
+    section = jc.Section.linear(EA=1e8, EIy=1e5, EIz=1e5, GJ=1e5)
+    beam = jc.Beams([[0, 1]], section=section)
+    structure = jc.Structure([[0.0, 0, 0], [2.0, 0, 0]], beam, jc.clamped([0]))
+    moment = jc.NodalLoads([1], (0.0, 0, 0), moments=(0.0, 100.0, 0))
+    solution = converged(jc.solve(structure, jc.Phase(loads=moment)))
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    assert arrays["held"].tolist() == [0] and not arrays["reactions"].any()
+    np.testing.assert_allclose(arrays["reaction_moments"][0, 0], [0, -100.0, 0], atol=1e-5)
 
 
 # --- diagrams of section forces

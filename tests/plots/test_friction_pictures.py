@@ -9,6 +9,7 @@ from test_plots import legend_texts
 from test_view import decoded
 
 import jaxcable as jc
+from jaxcable.plots.tensions_along import cables_with_largest_drop
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +100,32 @@ def test_tension_along_a_hanging_cable(lines):
     used = np.abs(lines[1].element_results["friction_used"]["lines"][0])
     dots = sum(len(marks.get_xdata()) for marks in axes.lines[1:])
     assert dots == np.count_nonzero(used > 1 - 1e-6) > 0
+
+
+def test_a_report_has_the_tension_along_the_cable_with_the_largest_drop(stay, lines):
+    """Of the stay, with the names of its phases; and of the line of three spans, not of two."""
+    structure, solution, _ = stay
+    names = ["prestress", "a load of a name that is long", "load taken away, and again a long name"]
+    pictures = jc.plots.for_report(structure, solution, names=names)
+    assert list(pictures)[1:] == [
+        "Forces at the end of the first and the last phase",
+        "Tension along stay, element 0",
+    ]
+    _, forces, along = pictures.values()
+    titles = [axes.get_title() for axes in forces.axes[:2]]
+    assert titles[0].startswith("prestress") and titles[1].startswith("load taken")
+    assert legend_texts(along)[:3] == names
+    along.canvas.draw()
+    (legend,) = (axes.get_legend() for axes in along.axes)
+    assert legend.get_window_extent().width < along.bbox.width  # nothing is cut off
+    with pytest.raises(ValueError, match="names: 2 of them, but 3 phases"):
+        jc.plots.for_report(structure, solution, phase_names=names[:2])
+    ((cable, caption, phases),) = cables_with_largest_drop(lines[1])
+    ends = np.array([own.ends.mean() for own in lines[2].values()])  # of three and two segments
+    drops = np.ptp(ends[:3]), np.ptp(ends[3:])
+    most = int(np.argmax(drops))
+    assert cable == {"group": "lines", "element": most} and phases == [0]
+    assert caption == f"Tension along lines, element {most}: the largest drop of 2 cables"
 
 
 def test_tension_along_refuses(stay):
