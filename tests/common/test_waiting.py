@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 from banks.waiting_programs import PROGRAMS
 
@@ -19,6 +20,9 @@ OTHERS = sorted(PROGRAMS.keys() - {"control", *USUAL})
 def ended(name):
     """What a program prints in a process of its own, with jax's own settings."""
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
+    # what they have compiled is kept: that they run to the end is what is tested
+    environment["JAX_COMPILATION_CACHE_DIR"] = jax.config.jax_compilation_cache_dir or ""
+    environment["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
     words = [name, "--calls", "30", *(["--fused"] if name in FUSED else [])]
     done = subprocess.run(
         [sys.executable, SCRIPT, *words],
