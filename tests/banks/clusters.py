@@ -2,8 +2,8 @@
 
     python tests/banks/clusters.py NAME FOLDER
 
-runs one scene of `SCENES` in a folder, and prints what it has found as JSON. The folder is empty, or
-has the undisturbed study of `living_workers` as "local", with which a scene compares its own.
+runs one scene of `SCENES` in a folder, and prints what it has found as JSON. The folder is empty,
+or has the undisturbed study of `living_workers` as "local", with which a scene compares its own.
 """
 
 import contextlib

@@ -194,6 +194,8 @@ def test_derivatives(kind):
     lengths = jnp.stack([point["rest"], other])
     batch = jax.jit(jax.vmap(lambda rest: function({**point, "rest": rest})[0]))(lengths)
     assert_allclose(batch, values, rtol=1e-10)
+
+
 def lengths_at_tensions(places, tensions):
     """Unstressed lengths of catenaries with these tensions at their first ends, [n], m."""
     chord = np.diff(places, axis=0)

@@ -27,7 +27,7 @@ def slope(value, p, gradient, size=1.0, start=None):
 
     `start` is the value at `p` if it is known.
     """
-    p, value_at = np.asarray(p), _remembered(value)
+    p, value_at = np.asarray(p), remembered(value)
     direction = np.random.default_rng(1).normal(size=p.shape) * np.max(np.abs(p))
     f0 = value_at(p) if start is None else start
     rate = np.sum(np.asarray(gradient) * direction)
@@ -103,7 +103,7 @@ def value_and_gradient(function):
 _known = weakref.WeakKeyDictionary()
 
 
-def _remembered(value):
+def remembered(value):
     """The function, computed once at a point: wrong gradients are tried at the same points."""
     known = _known.setdefault(value, {})
 
