@@ -106,9 +106,12 @@ def test_the_same_program_serves_all_calls(collect_young):
 
 
 def run(*options):
-    """Start the script; its processes share nothing with this one but the cores."""
-    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
-    environment["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # compiles faster
+    """Start the script; it shares settings and compiled programs with this process."""
+    environment = os.environ | {
+        "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",  # compiles faster
+        "JAX_COMPILATION_CACHE_DIR": jax.config.jax_compilation_cache_dir or "",
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+    }
     return subprocess.Popen(
         [sys.executable, SCRIPT, *map(str, options)],
         stdout=subprocess.PIPE,

@@ -61,7 +61,7 @@ KINDS = {
 }
 
 
-# modes and orders of derivatives, beside the gradient; each one compiles for seconds
+# modes and orders of derivatives, beside the gradient; each one is traced for seconds
 ORDERS = {"net": [jax.jacrev, lambda f: jax.grad(jax.grad(f)), jax.hessian]}
 
 
@@ -77,11 +77,11 @@ def test_derivatives_are_those_within_jit(kind):
     jax.tree.map(
         lambda a, b: np.testing.assert_allclose(a, b, **close),
         both(load, nodes),
-        jax.jit(both)(load, nodes),
+        traced(both)(load, nodes),
     )
     for order in ORDERS.get(kind, [jax.jacfwd]):
         derivative = order(lambda load: measure(load, nodes))
-        inside = jax.jit(derivative)(load)
+        inside = traced(derivative)(load)
         assert abs(inside) > 0
         np.testing.assert_allclose(derivative(load), inside, rtol=1e-8)
 

@@ -2,7 +2,8 @@
 
     python tests/banks/clusters.py NAME FOLDER
 
-runs one scene of `SCENES` in an empty folder, and prints what it has found as JSON.
+runs one scene of `SCENES` in a folder, and prints what it has found as JSON. The folder is empty,
+or has the undisturbed study of `living_workers` as "local", with which a scene compares its own.
 """
 
 import contextlib
@@ -83,15 +84,29 @@ def comparison(store, reference):
     }
 
 
-def undisturbed(folder):
-    run(folder / "local")
+def living_workers(folder):
+    """Scenes in which no worker dies, on the same workers: their results by name."""
+    scenes = undisturbed, two_precisions, other_module
+    places = {scene: folder / scene.__name__ for scene in scenes}
+    for place in places.values():
+        place.mkdir()
+    # workers, too, import modules from there
+    sys.path.insert(0, str(places[other_module]))
+    before = os.environ.get("PYTHONPATH", "")
+    os.environ["PYTHONPATH"] = f"{places[other_module]}:{before}"
     with cluster() as client:
-        run(folder / "samples", client)
-        table = jc.studies.table(draw(np.arange(N_CASE)))
-        dask_cluster._LARGE_CASES = 0  # rows are sent with their chunks
-        run(folder / "table", client, table)
-    found = {name: comparison(folder / name, folder / "local") for name in ("samples", "table")}
-    return found
+        return {scene.__name__: scene(place, client) for scene, place in places.items()}
+
+
+def undisturbed(folder, client):
+    run(folder / "local")
+    run(folder / "samples", client)
+    table = jc.studies.table(draw(np.arange(N_CASE)))
+    large = dask_cluster._LARGE_CASES
+    dask_cluster._LARGE_CASES = 0  # rows are sent with their chunks
+    run(folder / "table", client, table)
+    dask_cluster._LARGE_CASES = large
+    return {name: comparison(folder / name, folder / "local") for name in ("samples", "table")}
 
 
 def after(n_chunk, action, reports, store):
@@ -109,7 +124,6 @@ def after(n_chunk, action, reports, store):
 
 def workers_killed(folder):
     os.environ["SLOW"] = "1"
-    run(folder / "local")
     killed = []
     with cluster() as client:
 
@@ -130,7 +144,6 @@ def workers_killed(folder):
 
 def scheduler_killed(folder):
     os.environ["SLOW"] = "1"
-    run(folder / "local")
     python = [sys.executable, "-m"]
     scheduler_file = folder / "scheduler.json"
     words = [*python, "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
@@ -175,7 +188,6 @@ def deadly_case(folder):
 
 def interrupted(folder):
     os.environ["SLOW"] = "1"
-    run(folder / "local")
     with cluster() as client:
         thread = after(3, lambda: os.kill(os.getpid(), signal.SIGINT), [], folder / "a")
         try:
@@ -190,39 +202,35 @@ def interrupted(folder):
     return found | {"stopped": stopped, "n_missing": n_missing}
 
 
-def other_module(folder):
+def other_module(folder, client):
     """The script has changed a module that a worker has already imported."""
     place, said = folder / "own_law.py", None
     text = "def function(x):\n    return {'y': 1.0 * x}\n"
     place.write_text(text, encoding="utf-8")
-    sys.path.insert(0, str(folder))
-    os.environ["PYTHONPATH"] = f"{folder}:{os.environ.get('PYTHONPATH', '')}"
     import own_law
 
-    with cluster() as client:
-        client.run(importlib.import_module, "own_law")  # on all: one alone may compute every chunk
-        jc.study(own_law.function, np.arange(40.0), folder / "a", client, chunk=10)
-        place.write_text(text.replace("1.0", "22.0"), encoding="utf-8")
-        importlib.reload(own_law)
-        try:
-            jc.study(own_law.function, np.arange(40.0), folder / "b", client, chunk=10)
-        except jc.studies.StudyError as error:
-            said = str(error)
+    client.run(importlib.import_module, "own_law")  # on all: one alone may compute every chunk
+    jc.study(own_law.function, np.arange(40.0), folder / "a", client, chunk=10)
+    place.write_text(text.replace("1.0", "22.0"), encoding="utf-8")
+    importlib.reload(own_law)
+    try:
+        jc.study(own_law.function, np.arange(40.0), folder / "b", client, chunk=10)
+    except jc.studies.StudyError as error:
+        said = str(error)
     return {"said": said, "missing": jc.studies.Study(folder / "b").missing}
 
 
-def two_precisions(folder):
+def two_precisions(folder, client):
     """Studies in single and double precision, by turns, on the same workers."""
     kinds = []
-    with cluster() as client:
-        for name, double in (("a", True), ("b", False), ("c", True)):
-            with jax.enable_x64(double):
-                study = jc.study(lambda x: {"y": x / 3}, np.arange(40.0), folder / name, client)
-            y = study.load()["y"]
-            kind = np.float64 if double else np.float32
-            rounding = 2 * np.finfo(kind).eps  # of a factor 1/3, and of a product
-            right = np.allclose(y, np.arange(40) / 3, rtol=rounding, atol=0.0)
-            kinds.append(right and str(y.dtype))
+    for name, double in (("a", True), ("b", False), ("c", True)):
+        with jax.enable_x64(double):
+            study = jc.study(lambda x: {"y": x / 3}, np.arange(40.0), folder / name, client)
+        y = study.load()["y"]
+        kind = np.float64 if double else np.float32
+        rounding = 2 * np.finfo(kind).eps  # of a factor 1/3, and of a product
+        right = np.allclose(y, np.arange(40) / 3, rtol=rounding, atol=0.0)
+        kinds.append(right and str(y.dtype))
     return kinds
 
 
@@ -239,8 +247,8 @@ def without_workers(folder):
 SCENES = {
     scene.__name__: scene
     for scene in (
-        *(undisturbed, workers_killed, scheduler_killed),
-        *(deadly_case, interrupted, other_module, two_precisions, without_workers),
+        *(living_workers, workers_killed, scheduler_killed),
+        *(deadly_case, interrupted, without_workers),
     )
 }
 

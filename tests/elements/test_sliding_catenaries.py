@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from oracles.catenary_chain import catenary, ratios_and_bounds, step
 from oracles.convergence import converged
-from oracles.taylor import TIGHT, assert_gradient
-from oracles.traced import traced
+from oracles.taylor import TIGHT, assert_gradient, value_and_gradient
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -184,18 +183,17 @@ def test_derivatives(kind):
     """By friction, stiffness, lengths and load, of a group with a filler; batches, compiled."""
     function = two_cables(kind)
     point = {name: jnp.array(value) for name, value in AT.items()}
-    used = np.abs(traced(function)(point)[2])
-    assert used[0, 1] > 1 - 1e-9 and 0 < used[1, 0] < 0.99 and used[1, 1] == 0  # the filler
     # strains are some 1e-3: steps of lengths must be small beside them
-    assert_gradient(lambda p: function(p)[:2], point, {"rest": 0.03})
-    lengths = jnp.array([[0.9996, 0.9993], [0.9994, 0.9995]])
-
-    def value(rest):
-        return function({**point, "rest": rest})[0]
-
-    batch = traced(jax.vmap(value))(lengths)
-    assert_allclose(batch, [traced(value)(rest) for rest in lengths], rtol=1e-10)
-    assert_allclose(jax.jit(jax.vmap(value))(lengths), batch, rtol=1e-10)
+    assert_gradient(function, point, {"rest": 0.03})
+    program = value_and_gradient(function)  # the same one
+    (value, (_, used)), _ = program(point)
+    used = np.abs(used)
+    assert used[0, 1] > 1 - 1e-9 and 0 < used[1, 0] < 0.99 and used[1, 1] == 0  # the filler
+    other = jnp.array([0.9994, 0.9995])
+    values = [value, program({**point, "rest": other})[0][0]]
+    lengths = jnp.stack([point["rest"], other])
+    batch = jax.jit(jax.vmap(lambda rest: function({**point, "rest": rest})[0]))(lengths)
+    assert_allclose(batch, values, rtol=1e-10)
 
 
 def lengths_at_tensions(places, tensions):

@@ -16,11 +16,15 @@ import jax
 import matplotlib
 import pytest
 
+import jaxcable as jc
+
 FOLDER = Path(__file__).parents[2] / "notebooks"
 SOURCES = sorted(FOLDER.glob("*.py"))
 PROJECT = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 REPOSITORY = PROJECT["urls"]["Source"]
 COLAB = "colab.research.google.com/github"
+BY_NUMPY = ("03_pretension",)
+"""Notebooks with programs that XLA would compile for longer than NumPy needs for all runs."""
 LIMIT = 60.0  # seconds that a notebook may take on two cores, compilation included
 
 
@@ -118,7 +122,8 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"__name__": "__main__"}
     begin = time.monotonic()
-    with jax.enable_x64(jax.config.jax_enable_x64):
+    way = "numpy" if path.stem in BY_NUMPY else "auto"
+    with jax.enable_x64(jax.config.jax_enable_x64), jc.evaluation(way):
         for kind, text in cells(path):
             if kind == "code":
                 exec(compile(text, str(path), "exec"), names)

@@ -125,7 +125,7 @@ def test_accuracy_cable_study(study, tmp_path):
 @pytest.mark.slow
 def test_saddle_net_study(study, tmp_path):
     module = study("saddle_net")
-    runs, gaps, fit, trials = module.main((20, 40), fresh=4, hops=2)
+    runs, gaps, fit, trials = module.main((20, 40), fresh=2, hops=1)
     assert int(runs["full Newton"][0].status) == 0
     assert module.unbalanced(runs["full Newton"][0]) < 1e-8
     assert gaps["tangent, 1 correction"][-1] < 1e-6

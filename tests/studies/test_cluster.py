@@ -5,6 +5,7 @@ Each scene of `banks/clusters.py` runs in a process of its own, under a time lim
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,17 +26,34 @@ def found(scene, folder):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_workers_compute_what_this_process_does(tmp_path):
-    result = found("undisturbed", tmp_path)
-    assert result == {"samples": GOOD, "table": GOOD}
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("cluster")
 
 
-def test_workers_that_are_killed_lose_nothing(tmp_path):
-    assert found("workers_killed", tmp_path) == GOOD | {"killed": [3]}
+@pytest.fixture(scope="module")
+def living_workers(folder):
+    """Results of scenes in which no worker dies, by their names."""
+    return found("living_workers", folder)
 
 
-def test_a_killed_scheduler_is_told_and_another_one_goes_on(tmp_path):
-    result = found("scheduler_killed", tmp_path)
+@pytest.fixture
+def beside_local(living_workers, folder, tmp_path):
+    """A folder with the undisturbed study of one process, which a scene compares its own with."""
+    shutil.copytree(folder / "undisturbed" / "local", tmp_path / "local")
+    return tmp_path
+
+
+def test_workers_compute_what_this_process_does(living_workers):
+    assert living_workers["undisturbed"] == {"samples": GOOD, "table": GOOD}
+
+
+def test_workers_that_are_killed_lose_nothing(beside_local):
+    assert found("workers_killed", beside_local) == GOOD | {"killed": [3]}
+
+
+def test_a_killed_scheduler_is_told_and_another_one_goes_on(beside_local):
+    result = found("scheduler_killed", beside_local)
     assert "call jc.study again, with a new client" in result.pop("said")
     assert result.pop("seconds") < 120 and 0 < result.pop("n_missing") < 38
     assert result == GOOD
@@ -47,14 +65,14 @@ def test_a_case_that_kills_its_workers_is_named_and_all_others_are_there(tmp_pat
     assert "chunk 20 (cases 200 to 209): KilledWorker" in result["said"]
 
 
-def test_workers_with_other_modules_compute_nothing(tmp_path):
-    result = found("other_module", tmp_path)
+def test_workers_with_other_modules_compute_nothing(living_workers):
+    result = living_workers["other_module"]
     assert "this worker has another function" in result["said"]
     assert result["missing"] == [0, 1, 2, 3]
 
 
-def test_studies_of_two_precisions_do_not_meet(tmp_path):
-    assert found("two_precisions", tmp_path) == ["float64", "float32", "float64"]
+def test_studies_of_two_precisions_do_not_meet(living_workers):
+    assert living_workers["two_precisions"] == ["float64", "float32", "float64"]
 
 
 def test_a_cluster_without_workers_is_told(tmp_path):
@@ -62,7 +80,7 @@ def test_a_cluster_without_workers_is_told(tmp_path):
     assert "no worker for 2 s" in result["said"] and result["seconds"] < 60
 
 
-def test_an_interrupted_study_goes_on(tmp_path):
-    result = found("interrupted", tmp_path)
+def test_an_interrupted_study_goes_on(beside_local):
+    result = found("interrupted", beside_local)
     assert result.pop("stopped") and 0 < result.pop("n_missing") < 38
     assert result == GOOD
