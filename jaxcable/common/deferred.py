@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 
 from . import jax_internals as internals
-from . import jaxprs
 from .tree import merge_indices, split_indices
 
 Tree = TypeVar("Tree")
@@ -56,7 +55,7 @@ def _evaluate_in_xla(*leaves, function, shapes):
 
     The function is traced here, and equations that no result needs are left out.
     """
-    program = jaxprs.without_unused_equations(jax.make_jaxpr(function)(*leaves))
+    program = internals.without_unused_equations(jax.make_jaxpr(function)(*leaves))
     return internals.function_of_jaxpr(program)(*leaves)
 
 

@@ -30,7 +30,7 @@ from jax._src.core import trace_ctx
 from jax._src.util import weakref_cache_key_types
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
-from jax.interpreters.partial_eval import dce_rules
+from jax.interpreters.partial_eval import dce_jaxpr, dce_rules
 from jaxlib.xla_client import batched_device_put
 
 from .jaxprs import results_that_depend
@@ -221,6 +221,13 @@ def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
 def function_of_jaxpr(program: Any) -> Callable[..., Any]:
     """Return the Python function that computes a closed jaxpr, as `jax.make_jaxpr` returns it."""
     return jaxpr_as_fun(program)
+
+
+def without_unused_equations(program: Any) -> Any:
+    """Return a closed jaxpr without equations that no result needs."""
+    used = [True] * len(program.jaxpr.outvars)
+    less, _ = dce_jaxpr(program.jaxpr, used, instantiate=True)
+    return ClosedJaxpr(less, program.consts)
 
 
 # --- where the program is

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from jax.extend.core import ClosedJaxpr
-from jax.interpreters.partial_eval import dce_jaxpr
-
 
 def is_jaxpr(value: Any) -> bool:
     """Tell whether a value is a jaxpr, with its constants or without."""
@@ -26,13 +23,6 @@ def results_that_depend(jaxpr: Any, on: Sequence[bool]) -> list[bool]:
         if any(not is_jaxpr_literal(x) and x in found for x in equation.invars):
             found.update(equation.outvars)
     return [not is_jaxpr_literal(x) and x in found for x in jaxpr.outvars]
-
-
-def without_unused_equations(program: Any) -> Any:
-    """Return a closed jaxpr without equations that no result needs."""
-    used = [True] * len(program.jaxpr.outvars)
-    less, _ = dce_jaxpr(program.jaxpr, used, instantiate=True)
-    return ClosedJaxpr(less, program.consts)
 
 
 def scan_operand_counts(parameters: dict[str, Any]) -> tuple[int, int]:

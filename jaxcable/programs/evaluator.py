@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common import jaxprs
+from ..common import jax_internals as internals
 from . import arrays, control_flow, elementwise, indexing, matrices  # noqa: F401  (rules)
 from .block import Names
 from .writing import LimitReachedError, count_calls, inner_jaxprs, make_function
@@ -38,7 +38,7 @@ def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], list[n
     Raises:
         NotImplementedError: an equation has no rule.
     """
-    program = jaxprs.without_unused_equations(program)
+    program = internals.without_unused_equations(program)
     functions = {**elementwise.FUNCTIONS, "LimitReachedError": LimitReachedError}
     names = Names(functions, make_function, count_calls(program))
     compute = make_function(names, program)

@@ -690,6 +690,8 @@ OTHERWISE = {
     "model/supports.py:_orthonormal_axes": "traced directions are refused",
     "model/torsional_mechanisms.py:find_torsional_mechanisms": "a warning",
     "model/torsional_mechanisms.py:describe_torsional_mechanisms": "a warning",
+    "elements/rotating_saddles.py:resists_spin": "no rule: whether a warning can be given",
+    "elements/rotating_saddles.py:is_positive": "no rule: whether a warning can be given",
     "model/plausibility.py:array_or_none": "warnings",
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
