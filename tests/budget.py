@@ -1,9 +1,9 @@
 """What a run of the whole suite may cost: processor time, in units of the bare analysis.
 
 `budgets.toml` has the budgets. The unit is the first call of the bare analysis of `experiments`,
-taken before the tests by as many processes as run them, so that machine and neighbours count on
-both sides. A run beyond its budget fails, and shows the dearest tests. A run of some tests has no
-budget.
+taken by a process of its own again and again among the tests, so that machine and neighbours count
+on both sides: within a minute the clock of a processor changes by a fifth. A run beyond its budget
+fails, and shows the dearest tests. A run of some tests has no budget.
 """
 
 import os
@@ -18,6 +18,7 @@ import pytest
 
 TESTS = pathlib.Path(__file__).parent
 SHOWN = 20  # of the dearest tests
+EVERY = 60.0  # seconds of processor time of a worker, after which it takes the unit once more
 UNIT = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
@@ -36,18 +37,13 @@ def processor_seconds():
     return sum(os.times()[:4])
 
 
-def measure_unit(count):
-    """Return the processor time of the unit, s: the median of `count` processes at once, twice."""
+def measure_unit():
+    """Return the processor time of the unit, s."""
     command = [sys.executable, "-c", UNIT, str(TESTS.parent / "experiments")]
     other = "XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"  # of the tests; the unit is compiled anew
     environment = {k: v for k, v in os.environ.items() if k not in other}
-    found = []
-    for _ in range(2):
-        runs = [
-            subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) for _ in range(count)
-        ]
-        found += [float(run.communicate()[0]) for run in runs]
-    return statistics.median(found)
+    run = subprocess.run(command, stdout=subprocess.PIPE, env=environment, check=True)
+    return float(run.stdout)
 
 
 class Budget:
@@ -55,23 +51,32 @@ class Budget:
 
     Args:
         allowed: units that the run may take, "run", and a test, "test"; None: no budget.
-        unit: function that returns the seconds of a unit, for a number of processes.
+        measure: function that returns the seconds of a unit.
     """
 
-    def __init__(self, allowed, unit=measure_unit):
-        self.allowed, self.measure, self.unit = allowed, unit, None
-        self.tests, self.workers, self.compiled = [], 0.0, 0
+    def __init__(self, allowed, measure=measure_unit):
+        self.allowed, self.measure = allowed, measure
+        self.tests, self.compiled = [], 0
+        self.units, self.measuring = [], 0.0  # seconds of a unit, and that all measurements took
+        self.workers = 0.0  # seconds
         jax.monitoring.register_event_duration_secs_listener(self._listen)
 
     def _listen(self, event, _, **__):
         self.compiled += "backend_compile" in event
 
-    def pytest_sessionstart(self, session):
-        """Take the unit, before workers begin."""
-        config = session.config
-        if self.allowed is not None and not hasattr(config, "workerinput"):
-            self.unit = self.measure(len(config.getoption("tx", None) or [0]))
-            self.begin = processor_seconds()
+    def pytest_sessionstart(self):
+        """Begin to count."""
+        self.begin = self.measured = processor_seconds()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self):
+        """Take the unit before a test, if it is time for it."""
+        begin = processor_seconds()
+        if self.allowed is not None and (not self.units or begin - self.measured > EVERY):
+            self.units.append(self.measure())
+            self.measured = processor_seconds()
+            self.measuring += self.measured - begin
+        return (yield)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item):
@@ -99,34 +104,43 @@ class Budget:
         """Judge, or tell the controller what this worker has taken."""
         config = session.config
         if hasattr(config, "workerinput"):
-            config.workeroutput["seconds"] = processor_seconds()
-        elif self.unit is not None and self._judge()[1]:
+            config.workeroutput["budget"] = processor_seconds(), self.units, self.measuring
+        elif self.units and self._judge()[2]:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
     def pytest_testnodedown(self, node):
         """Add what a worker has taken."""
-        self.workers += getattr(node, "workeroutput", {}).get("seconds", 0.0)
+        seconds, units, measuring = getattr(node, "workeroutput", {}).get("budget", (0.0, [], 0.0))
+        self.workers += seconds
+        self.units += units
+        self.measuring += measuring
 
     def _judge(self):
-        """Return the units that the run has taken, and what is wrong with that."""
+        """Return the seconds of a unit, the units of the run, and what is wrong with them."""
+        unit = statistics.median(self.units)
         # workers are children, too: those that have ended are in both numbers
-        total = max(self.workers, processor_seconds() - self.begin) / self.unit
+        seconds = max(self.workers, processor_seconds() - self.begin) - self.measuring
+        total = seconds / unit
         wrong = []
         if total > self.allowed["run"]:
             wrong.append(f"the run took {total:.0f} units, and may take {self.allowed['run']}")
         for seconds, _, name in sorted(self.tests, reverse=True):
-            if seconds > self.allowed["test"] * self.unit:
-                units = seconds / self.unit
+            if seconds > self.allowed["test"] * unit:
+                units = seconds / unit
                 wrong.append(f"{name} took {units:.1f}, and a test may take {self.allowed['test']}")
-        return total, wrong
+        return unit, total, wrong
 
     def pytest_terminal_summary(self, terminalreporter):
         """Tell what the run has cost, and if that is too much, of which tests."""
-        if self.unit is None:
+        if not self.units:
             return
-        say, (total, wrong) = terminalreporter.write_line, self._judge()
-        say(f"{total:.0f} of {self.allowed['run']} units of {self.unit:.2f} s of processor time")
+        say, (unit, total, wrong) = terminalreporter.write_line, self._judge()
+        low, high = min(self.units), max(self.units)
+        say(
+            f"{total:.0f} of {self.allowed['run']} units of {unit:.2f} s of processor time "
+            f"({low:.2f} to {high:.2f})"
+        )
         if not wrong:
             return
         terminalreporter.section("beyond the budget (tests/budgets.toml)", red=True)
@@ -134,7 +148,7 @@ class Budget:
             say(line)
         say("the dearest tests: units, programs that XLA compiled or read")
         for seconds, compiled, name in sorted(self.tests, reverse=True)[:SHOWN]:
-            say(f"{seconds / self.unit:6.1f} {compiled:5}  {name}")
+            say(f"{seconds / unit:6.1f} {compiled:5}  {name}")
 
 
 _BEGIN = pytest.StashKey()

@@ -9,11 +9,19 @@ pytest_plugins = "pytester"
 
 CONFTEST = """
 import sys
+import time
 sys.path.insert(0, {tests!r})
 import budget
 
+def measure():
+    "A unit of 0.05 s, whose measurement takes 20 units."
+    end = time.process_time() + 1.0
+    while time.process_time() < end:
+        pass
+    return 0.05
+
 def pytest_configure(config):
-    config.pluginmanager.register(budget.Budget({allowed!r}, lambda count: 0.05))
+    config.pluginmanager.register(budget.Budget({allowed!r}, measure))
 """
 TESTS = """
 import time
@@ -34,7 +42,7 @@ MUCH = 10**6
 @pytest.mark.parametrize(
     ("allowed", "wrong", "workers"),
     [
-        ({"run": MUCH, "test": MUCH}, [], 0),
+        ({"run": 15, "test": MUCH}, [], 0),
         ({"run": 1, "test": MUCH}, [r"the run took \d+ units, and may take 1"], 0),
         (
             {"run": MUCH, "test": 2},
