@@ -94,6 +94,7 @@ def prepare(
     to_end: bool = False,
     coupled: tuple[Any, ...] = (),
     symmetric: bool = True,
+    in_motion: bool = False,
 ) -> PreparedAnalysis:
     """Check the arguments of an analysis, and separate topology from numbers.
 
@@ -104,6 +105,7 @@ def prepare(
         coupled: unknowns that further forces, such as inertia, couple: triples like those of
             `make_dof_map`, for places in the sparsity pattern.
         symmetric: whether the tangent is symmetric if elements and loads are.
+        in_motion: whether inertia acts, so that a cable with a free end may have tension.
 
     Returns:
         `PreparedAnalysis`.
@@ -147,7 +149,7 @@ def prepare(
         loads_known = [*loads_of_all_phases(phases), *(stack.load for stack in everything)]
         weighed = any(isinstance(load, SelfWeight) for load in loads_known)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
-    if restart is None:
+    if restart is None and not in_motion:
         warn_of_free_ends(structure, phases, sets)
     dof_map, changes, before = number_unknowns_by_phase(sets, numbered, idle)
     nodes = structure.nodes if rows is None else _select_rows(structure.nodes, rows.node_of_row)

@@ -198,7 +198,7 @@ def transient(
     conserves = scheme == "energy-momentum"
     if conserves:
         require_energy_momentum_input(structure, time_loads.phase_loads, start)
-    coupling: Any = {"coupled": coupled, "symmetric": not conserves}
+    coupling: Any = {"coupled": coupled, "symmetric": not conserves, "in_motion": True}
     task = prepare(structure, phase, method, start, to_end=True, **coupling)
     if velocity is not None:
         velocity = initial_velocity(velocity, structure, task.fixed[-1], time_loads.phase_loads)

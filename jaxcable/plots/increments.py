@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from ..analysis.solution import Solution
 from ..equilibrium.convergence import default_tolerance
-from .snapshots import require_one_solution
+from .snapshots import require_one_solution, titles_of_phases
 from .style import FAILED, GRID, SERIES, finish_figure, legend_below, new_figure
 
-_NAME = 0.17  # width of the name of a phase over that of the axes
+_ROWS = 4  # of names of phases
+_GAP = 0.01  # beside names of phases, over the width of the axes
 
 
 def increments(
-    solution: Solution, path: str | os.PathLike[str] | None = None, *, tol: float | None = None
+    solution: Solution,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    tol: float | None = None,
+    names: Sequence[str] | None = None,
 ) -> Figure:
     """Draw residual, Newton iterations and slack cables of every increment of all phases.
 
@@ -28,12 +37,14 @@ def increments(
     Options:
         tol: tolerance of the method, drawn as a line; default: that of `Newton()`. (`Incremental`
             has another measure: its residuals may be above the line.)
+        names: names of the phases; default "phase 1", "phase 2" and so on. Where there is no room
+            for a name, none is drawn.
 
     Returns:
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
-        ValueError: a batch, or a tol that is not positive.
+        ValueError: a batch, a tol that is not positive, or another number of names than of phases.
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import jaxcable as jc
@@ -42,6 +53,7 @@ def increments(
     ['relative residual (-)', 'iterations (-)', 'slack cables (-)']
     """
     require_one_solution(solution)
+    titles = titles_of_phases(solution, names)
     paths = [phase.path for phase in solution.phases]
     status = np.concatenate([np.asarray(p.status) for p in paths])
     residual, iterations, slack = (
@@ -77,18 +89,31 @@ def increments(
         axes.grid(color=GRID, axis="y")
         for end in ends[:-1]:
             axes.axvline(end + 0.5, color="0.5", linewidth=0.8, linestyle=":")
-    # names of phases in two lines: where the last name of each line is
-    lines = [-1.0, -1.0]
-    for k, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
-        share = 0.5 * (begin + end) / ends[-1]
-        # the first line with room; a phase without room has no name
-        line = next((r for r in range(2) if share - lines[r] > _NAME), None)
-        if line is not None:
-            lines[line] = share
-            look = {"transform": above.transAxes, "ha": "center"}
-            above.text(share, 1.03 + 0.12 * line, f"phase {k + 1}", **look)
     lowest.set(xlim=(0.5, ends[-1] + 0.5), xlabel="increment, all phases (-)")
     lowest.xaxis.get_major_locator().set_params(integer=True)
     legend_below(lowest, columns=3, handles=above.get_legend_handles_labels()[0], drop=0.55)
     figure.align_ylabels()
+    _write_titles(above, titles, np.array([0.0, *ends]) + 0.5)
     return finish_figure(figure, path)
+
+
+def _write_titles(axes: Axes, titles: Sequence[str], ends: np.ndarray) -> None:
+    """Write the name of each phase at a line that rises where the phase begins.
+
+    No line crosses a name: those of earlier phases are higher. `ends` are the places at which
+    phases begin and end. A phase without room has no name.
+    """
+    to_shares, named = axes.transAxes.inverted(), []  # (place, row) of the phases that have names
+    begins = (ends[:-1] - ends[0]) / (ends[-1] - ends[0])
+    for title, begin in zip(titles[::-1], begins[::-1], strict=True):
+        text = axes.text(begin + _GAP, 1.0, title, transform=axes.transAxes)
+        end = Bbox(to_shares.transform(text.get_window_extent())).x1 + _GAP
+        row = max((row + 1 for place, row in named if place < end), default=0)
+        if row == _ROWS:
+            text.remove()
+            continue
+        named.append((begin, row))
+        height = 1.03 + 0.12 * row
+        text.set_y(height)
+        look: Any = {"color": "0.5", "linewidth": 0.8, "linestyle": ":", "clip_on": False}
+        axes.plot([begin, begin], [1.0, height + 0.07], transform=axes.transAxes, **look)

@@ -169,10 +169,8 @@ def _stages_of_phases(snapshots, magnify):
             break
         end = snapshots.after_phase(k)
         now = end.magnified(end.in_initial_geometry(), magnify)
-        title = f"phase {k + 1}" if snapshots.names is None else str(snapshots.names[k])
-        stages.append(
-            StagePicture(title, now, stages[-1].now if stages else now.in_initial_geometry())
-        )
+        before = stages[-1].now if stages else now.in_initial_geometry()
+        stages.append(StagePicture(snapshots.titles[k], now, before))
     if not stages:
         raise ValueError("solution: no phase has converged; see raise_if_failed")
     return stages

@@ -171,8 +171,7 @@ class Snapshots:
         self.color = _resolve_color(self.parts, solution, color)
         if structure is not None:
             require_same_topology(structure, solution.last.topology, "solution")
-        if names is not None and len(names) != len(solution.phases):
-            raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
+        self.titles = titles_of_phases(solution, names)
         self.links, self.faces = straight_pieces(self.parts)[:2], element_faces(self.parts)[:2]
         self._curves = SolutionCurves(solution, structure, places)
         self._rotates = None if structure is None else structure.rotating_nodes()
@@ -327,6 +326,20 @@ class Snapshots:
 def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
     """Return at most `most` evenly spaced indices from 0 to n - 1, with the last one."""
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
+
+
+def titles_of_phases(solution: Solution, names: Sequence[str] | None) -> list[str]:
+    """Return the names of all phases; "phase 1", "phase 2" and so on if `names` is None.
+
+    Raises:
+        ValueError: another number of names than of phases.
+    """
+    count = len(solution.phases)
+    if names is None:
+        return [f"phase {k + 1}" for k in range(count)]
+    if len(names) != count:
+        raise ValueError(f"names: {len(names)} of them, but {count} phases")
+    return [str(name) for name in names]
 
 
 def require_one_solution(solution: Solution) -> None:

@@ -93,7 +93,7 @@ def tension_along(
     figure = new_figure(4.8, 3.6)
     axes, seen = figure.add_subplot(), {}
     for row, (shot, (place, tension, marks)) in enumerate(zip(shots, curves, strict=True)):
-        label = f"phase {shot.phase + 1}" if names is None else str(names[shot.phase])
+        label = snapshots.titles[shot.phase]
         line = {key: series_style(row)[key] for key in ("color", "linestyle", "linewidth")}
         tension, place = factor * tension, to_length * place
         axes.plot(np.repeat(place, 2)[1:-1], tension.ravel(), label=label, **line)

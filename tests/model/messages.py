@@ -89,6 +89,7 @@ TIED = net(elements=TWO)
 
 # beams 0-1-2 along x, and a stay from their end up to node 3; node 4 is off their end
 BEND = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [2.0, 0, 1.0], [2.0, 0, 1.5]])
+BOBS = jc.PointMasses([1, 2], 1.0)
 BOX = jc.Section.rectangle(0.1, 0.2, STEEL, (1, 2))
 NUMBERS = jc.Section.linear(1e8, 1e5, 1e5, 1e4)
 ANGLE = jc.Section.polygon([[0, 0], [0.1, 0], [0, 0.1]], None, STEEL, 0.05)
@@ -659,6 +660,7 @@ plots.net(twice(solution()))  # solution: is a batch
 plots.diagram(twice(solution()), structure=HUNG)  # solution: is a batch
 plots.increments(twice(solution()))  # solution: is a batch
 plots.increments(solution(), tol=0)  # tol = 0: must be positive
+plots.increments(solution(), names=["snow"])  # names: 1 of them, but 2 phases
 plots.net(solution(), color="stress")  # color = 'stress'
 plots.net(solution(), structure=net())  # solution: element groups: one
 plots.net(solution(), color="utilization")  # structure: needed for color
@@ -1090,6 +1092,8 @@ ODD = rows("""
 loaded(Varying(push(), HALF, [0.5, 0.7, 1.0]))  # a load step
 loaded(push([1, 2]))  # loads on supports as well
 loaded(push([1, 2]), structure=net(supports=(0, 3)))  # a load on the free end of a cable
+dynamics.transient(net(NODES[:3], cables(LINKS[:2]), (0,)), dt=0.1, steps=1, masses=BOBS)
+    # inertia stretches a cable with a free end
 analyse(Phase(supports=pinned([0, 2, 3])), structure=net(supports=(0, 3)))  # held later
 chain([1, 0.4, 0])  # a flat kink
 chain([1, 0, -2.0])  # a node that hangs

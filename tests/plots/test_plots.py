@@ -351,6 +351,25 @@ def test_increments_and_failed_solutions(pictures, runs):
         jc.plots.history(found(np.full(2, np.nan), np.ones(2), [1, 0]))
 
 
+def test_names_of_phases_are_where_they_begin(runs):
+    names = ["prestress and self-weight", "snow"]
+    texts = {}
+    for stated in (None, names, ["a name as long as the picture, and longer: " * 3, "snow"]):
+        axes = jc.plots.increments(runs.slack, names=stated).axes[0]
+        written = {text.get_text(): text.get_position() for text in axes.texts}
+        texts |= written
+        (begin, at) = (written[name] for name in (stated or ["phase 1", "phase 2"]))
+        # of 11 increments the first one is phase 1; its name is above that of phase 2
+        assert 0 < begin[0] < 0.02 and 1 / 11 < at[0] < 1 / 11 + 0.02
+        assert begin[1] > at[1] + 0.1 and at[1] > 1
+        rising = [line for line in axes.lines if line.get_transform() == axes.transAxes]
+        tops = {round(float(x), 6): top for line in rising for x, top in line.get_xydata()[1:]}
+        assert (
+            set(tops) == {0.0, round(1 / 11, 6)} and tops[0.0] > begin[1] > tops[round(1 / 11, 6)]
+        )
+    assert len(texts) == 5
+
+
 def test_orders(pictures):
     h = np.array([0.4, 0.2, 0.1])
     figure = jc.plots.convergence(h, {"a": h**2, "b": 3 * h})
