@@ -14,6 +14,7 @@ from ..elements.abilities import Hanging
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
+from ..spaces.dof_map import DofMap
 from ..stiffness.tangent import merge_solution_state
 
 
@@ -50,25 +51,47 @@ def warn_of_freed_supports(state: Solution | State, fixed: Bool[ArrayLike, "n_ro
         )
 
 
-def warn_of_weights_without_mass(structure: Structure, state: Solution | State) -> None:
-    """Warn if downward nodal loads of a state, which have no mass, exceed weights of elements."""
+def warn_of_weights_without_mass(
+    structure: Structure, state: Solution | State, dof_map: DofMap
+) -> None:
+    """Warn if downward nodal loads of a state, which have no mass, exceed weights of elements.
+
+    Loads and weights count at nodes that can move vertically, weights in equal shares at the ends
+    of an element. `dof_map` has the unknowns of the modes.
+    """
     restart = (state.last if isinstance(state, Solution) else state).restart
     weights = [
-        group.weights(own)
+        None if group.weight is None else group.weights(own)
         for group, own in zip(structure.groups, restart.states, strict=True)
-        if group.weight is not None
     ]
-    known: list[Any] = [checks.array_if_known(x) for x in (restart.nodal_load, *weights)]
-    if any(x is None for x in known):
+    mobility = _vertical_mobility(dof_map)
+    known: list[Any] = [checks.array_if_known(x) for x in (restart.nodal_load, mobility)]
+    parts: list[Any] = [checks.array_if_known(x) for x in weights if x is not None]
+    if any(x is None for x in (*known, *parts)) or not parts:
         return
-    down = -np.minimum(known[0][: structure.n_node, 2], 0.0).sum()
-    weight = sum(float(np.sum(x)) for x in known[1:])
-    if down > weight > 0:
+    n_node = structure.n_node
+    load, mobility = known[0][:n_node, 2], known[1][:n_node]
+    down, weight = -np.sum(np.minimum(load, 0.0) * mobility), 0.0
+    for group, own in zip(structure.groups, weights, strict=True):
+        if own is not None:
+            weight += float(np.sum(np.asarray(own) * mobility[group.links.array].mean(axis=1)))
+    if down > weight and any(np.any(own > 0) for own in parts):
         checks.warn_user(
-            f"masses: nodal loads of {down:.4g} N downwards have no mass here, elements weigh "
-            f"{weight:.4g} N; give masses=..., such as the PointMasses of the analysis, or "
-            "masses=0.0 if these loads are no weights"
+            f"masses: nodal loads of {down:.4g} N downwards have no mass here; of the elements, "
+            f"{weight:.4g} N can move vertically; give masses=..., such as the PointMasses of the "
+            "analysis, or masses=0.0 if these loads are no weights"
         )
+
+
+def _vertical_mobility(dof_map: DofMap) -> Float[ArrayLike, " n_row"]:
+    """Return how far rows can move vertically, [n_row]: 1 where freely, 0 where they are held.
+
+    Where a direction that is held is inclined, it is its squared sine to the vertical.
+    """
+    free = dof_map.movable_dofs()[:, :3]
+    if dof_map.axes is None:
+        return free[:, 2].astype(float)
+    return (free * dof_map.axes[:, :3, 2] ** 2).sum(axis=1)
 
 
 def warn_of_modes_within_spans(

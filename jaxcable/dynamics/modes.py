@@ -117,7 +117,7 @@ def modes(
     A state has forces, and does not know which of them are weights: masses of which only the weight
     was a load, `PointMasses` included, count here if they are given as `masses`. Without `masses`
     an `InputWarning` is issued (outside of transformations) where downward nodal loads are larger
-    than the weights of the elements.
+    than the weights of what can move vertically.
 
     A catenary is one element for a whole span: half of its mass moves with each end, and modes
     within the span are not found. An `InputWarning` is issued (outside of transformations) if the
@@ -189,7 +189,7 @@ def modes(
     if fixed is not None:
         warn_of_freed_supports(state, fixed)
     if masses is None:
-        warn_of_weights_without_mass(structure, state)
+        warn_of_weights_without_mass(structure, state, split[2])
     if split[2].pattern is None:
         require_dense_memory(split[2], _DENSE_MATRICES, "modes")
     amounts = [group.weight for group in structure.groups if group.weight is not None]
