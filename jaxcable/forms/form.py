@@ -84,13 +84,22 @@ def most_shortened_element(
     groups: Sequence[Straight],
     start: Float[Array, "n_node 3"],
     positions: Float[Array, "n_node 3"],
+    tensions: Sequence[Float[Array, " n_elem"]] = (),
 ) -> Int[Array, " 2"]:
-    """Return both nodes of the element with the smallest ratio of length to start length, [2]."""
+    """Return both nodes of the element with the smallest ratio of length to start length, [2].
+
+    Where prescribed `tensions` are given, [n_elem] per group, N, only elements with one count, if
+    there are any: force densities always have a form, and elements of given length, whose forces
+    are 0 here, are crushed by others.
+    """
     links = jnp.concatenate([jnp.asarray(group.links) for group in groups])
     before, after = (
         jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2, axis=1) for x in (start, positions)
     )
     ratio = jnp.where((before > 0) & jnp.isfinite(after), after / before, jnp.inf)
+    if tensions:
+        pulled = jnp.concatenate(list(tensions)) != 0
+        ratio = jnp.where(pulled | ~jnp.any(pulled), ratio, jnp.inf)
     return links[jnp.argmin(ratio)]
 
 

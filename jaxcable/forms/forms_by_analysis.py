@@ -240,8 +240,9 @@ def _find_form(structure, prescribed, passed, dependent, method):
     tensions, rests = map(structure.group_tree.flatten_up_to, (last.tension, last.rest_length))
     is_prescribed = prescribed.is_prescribed
     groups = merge_indices(*split_indices(groups))
-    chosen = [group for group, own in zip(groups, is_prescribed, strict=True) if own]
-    met = most_shortened_element(chosen, *lax.stop_gradient((nodes, last.positions)))
+    pairs = zip(groups, prescribed.forces, strict=True)
+    chosen, forces = zip(*((group, own) for group, own in pairs if own is not None), strict=True)
+    met = most_shortened_element(chosen, *lax.stop_gradient((nodes, last.positions, forces)))
     form = make_judged_form(
         *(groups, last.positions, tensions, code, path.residual[-1], jnp.ones((), nodes.dtype)),
         *(jnp.int32(steps) + jnp.sum(path.iterations), parameters, met, rests, is_prescribed),

@@ -261,7 +261,8 @@ def _solve_form(
     # without a form take the start, so that lengths and their derivatives stay finite
     positions = jnp.where(valid, found_nodes, nodes)
     worst = jnp.max(jnp.abs(residual), initial=0.0)
-    met = most_shortened_element(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
+    moved = frozen.nodes + lax.stop_gradient(reached)
+    met = most_shortened_element(groups, frozen.nodes, moved, lax.stop_gradient(tensions))
     return make_judged_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 

@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 import jaxcable as jc
 from jaxcable.common.selection import only
 from jaxcable.forms import find_form, prescribed_forces
+from jaxcable.forms.form import most_shortened_element
 
 EA = 2e6
 TIGHT = jc.Newton(tol=1e-14)
@@ -236,6 +237,16 @@ def test_nodes_that_have_met_are_named():
     assert form.nearest.tolist() == [2, 3]
     with pytest.raises(jc.AnalysisError, match="nodes 2 and 3 of an element have met"):
         jc.raise_if_failed(form)
+
+
+@pytest.mark.parametrize(("tensions", "named"), [([0.0, 5.0], [1, 2]), ([0.0, 0.0], [0, 1])])
+def test_elements_of_given_length_are_named_last(tensions, named):
+    """Of two elements in a row the first is crushed to a tenth, the second to a half."""
+    start, end = np.zeros((3, 3)), np.zeros((3, 3))
+    start[:, 0], end[:, 0] = [0.0, 1.0, 2.0], [0.0, 0.1, 0.6]
+    row = [jc.Cables([[0, 1], [1, 2]], axial_stiffness=EA)]
+    ends = most_shortened_element(row, start, end, [np.array(tensions)])
+    assert ends.tolist() == named
 
 
 def test_changing_numbers_is_not_traced_again(monkeypatch):
