@@ -106,7 +106,7 @@ _TEXTS = {
     ),
     BAD_START: (
         "the loss or its gradient is not finite at the start (as of a square root of zero), or the "
-        "analysis fails there; a history has its code"
+        "analysis fails there (its code is in history.status, or in start_status)"
     ),
     OUTSIDE: "the start is outside its bounds, or a lower bound is above the upper one",
     LIMIT_POINT: (
@@ -352,4 +352,6 @@ def raise_if_failed(solution: Any, names: Sequence[str] | None = None) -> None:
     if hasattr(solution, "nearest"):  # a form
         ends = "{} and {}".format(*np.asarray(solution.nearest)[case].tolist())
         text = _FORM_TEXTS.get(code, text).replace("NODES", f"nodes {ends}")
+    if code == BAD_START and int(getattr(solution, "start_status", OK)) not in (OK, NONFINITE):
+        text = f"{text}: {describe(solution.start_status)}"
     raise AnalysisError(f"{prefix}{before}{text}")

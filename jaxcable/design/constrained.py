@@ -43,6 +43,8 @@ class ConstrainedDesign:
             ``<= 0``. Zero for a constraint that is not active.
         status: status code; 0 (OK) if all constraints are met and `kkt_residual` is at most `tol`,
             CONSTRAINTS_VIOLATED if one is above 0. `describe` has the texts.
+        start_status: status of the analysis at the start; NONFINITE if it converges there and loss,
+            constraints or a derivative are not finite.
         rounds: number of runs of the optimization library (SciPy or IPOPT).
         evaluations: number of evaluations of loss, constraints and gradients, in all runs.
         failures: number of trial points at which the structural analysis failed.
@@ -65,6 +67,7 @@ class ConstrainedDesign:
     constraints: Float[Array, " n"]
     multipliers: Float[np.ndarray, " n"]
     status: Int[Array, ""]
+    start_status: Int[Array, ""]
     rounds: int
     evaluations: int
     failures: int
@@ -156,6 +159,7 @@ def minimize_subject_to(
         constraints=jnp.asarray(end.constraints, start.dtype),
         multipliers=multipliers,
         status=jnp.int32(code),
+        start_status=jnp.int32(search.first.code),
         rounds=count,
         evaluations=search.evaluations,
         failures=search.failures,

@@ -303,7 +303,15 @@ def test_progress_is_that_of_accepted_points_and_a_bad_start_is_said():
     assert [step.number for step in told] == list(range(len(told)))
     assert told[-1].gradient_norm == found.kkt_residual < TOL < told[0].gradient_norm
     bad = design.minimize_subject_to(lambda p: (jnp.log(p[0]), -p), jnp.array([-1.0]))
-    assert int(bad.status) == status.BAD_START
+    assert int(bad.status) == status.BAD_START and int(bad.start_status) == status.NONFINITE
+
+
+def test_a_failed_analysis_at_the_start_is_described():
+    code = jnp.int32(status.MECHANISM)
+    bad = design.minimize_subject_to(lambda p: (p[0], -p, code), jnp.array([1.0]))
+    assert int(bad.status) == status.BAD_START and int(bad.start_status) == status.MECHANISM
+    with pytest.raises(jc.AnalysisError, match=r"start_status\): the structure moves without"):
+        jc.raise_if_failed(bad)
 
 
 def test_a_library_that_is_not_there_is_named(monkeypatch):
