@@ -21,7 +21,7 @@ def motion(
     *,
     nodes: Sequence[int] | None = None,
     direction: str = "z",
-    elements: Sequence[int] = (),
+    elements: Sequence[int] | None = None,
     group: str | int | None = None,
 ) -> Figure:
     """Draw a motion in time: displacements of nodes, forces of elements, and the energy.
@@ -33,7 +33,7 @@ def motion(
     Options:
         nodes: nodes that are drawn, of those whose histories are kept; default: the first of these.
         direction: of the displacement, "x", "y" or "z".
-        elements: elements whose axial force is drawn, indices.
+        elements: elements whose axial force is drawn, indices; None: of none.
         group: their group, by its key or number; None if there is one group.
 
     Returns:
@@ -59,6 +59,7 @@ def motion(
     if np.ndim(moved.status) != 0:
         raise ValueError("moved: is a batch; draw one, jax.tree.map(lambda a: a[k], moved)")
     time = np.asarray(moved.time)
+    elements = () if elements is None else elements
     rows = 1 + bool(len(elements)) + 1
     figure = new_figure(4.8, 1.0 + 1.7 * rows)
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
@@ -107,7 +108,9 @@ def _forces_of_group(moved, group):
         keys = [*force] if isinstance(force, dict) else [*range(len(force))]
         if group is None or group not in keys:
             names = ", ".join(map(repr, keys))
-            raise ValueError(f"group = {group!r}: expected the group of elements, one of {names}")
+            raise ValueError(
+                f"group = {group!r}: elements are numbered within their group; give one of {names}"
+            )
         force = force[group]
     elif group is not None:
         raise ValueError(f"group = {group!r}: the structure has one group without a key")

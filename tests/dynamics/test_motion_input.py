@@ -98,6 +98,7 @@ def test_nodes_of_histories_and_of_pictures():
     assert moved.reactions.shape == (7, 1, 3) and list(moved.nodes.array) == [1]
     assert jax.tree.map(lambda a: a, moved).nodes == moved.nodes
     jc.plots.motion(moved, elements=[0])
+    assert len(jc.plots.motion(moved, elements=None).axes) == 2  # displacement, and energy
     for options, text in (
         ({"nodes": [0]}, r"nodes\[0\] = 0: the motion has the histories of nodes 1"),
         ({"elements": [1]}, "elements: 1 is unknown"),
@@ -109,7 +110,7 @@ def test_nodes_of_histories_and_of_pictures():
     moved = converged(transient(structure, **GIVEN))
     with pytest.raises(ValueError, match=r"nodes\[0\] = 99: .* histories of nodes 0 to 1"):
         jc.plots.motion(moved, nodes=[99])
-    with pytest.raises(ValueError, match="group = None: expected the group of elements"):
+    with pytest.raises(ValueError, match=r"group = None: .* within their group; give one of 'bar'"):
         jc.plots.motion(moved, elements=[0])
 
 
