@@ -350,13 +350,21 @@ def propagate_tolerances(
         raise ValueError(
             "tolerance: expected arrays, one number for each input of the influence matrix"
         )
-    tolerance = jax.tree.map(lambda leaf: nan_if_broken(not_negative("tolerance", leaf)), tolerance)
+    paths = [
+        jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(tolerance)
+    ]
+    leaves = [
+        nan_if_broken(not_negative("tolerance" + path, leaf))
+        for path, leaf in zip(paths, jax.tree.leaves(tolerance), strict=True)
+    ]
+    tolerance = jax.tree.unflatten(shape, leaves)
     for entry in jax.tree.leaves(jacobian, is_leaf=is_entry):
-        for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
+        for path, part, one in zip(paths, jax.tree.leaves(entry), leaves, strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]
             if inputs != jnp.shape(one):
                 raise ValueError(
-                    f"tolerance: expected shape {inputs}, as the inputs have, got {jnp.shape(one)}"
+                    f"tolerance{path}: expected shape {inputs}, as the inputs have, got "
+                    f"{jnp.shape(one)}"
                 )
 
     def add(function, finish):

@@ -624,7 +624,7 @@ lambda v: design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v), 0.1, 1.0  # rcond
 lambda v: design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v), 0.1, -1.0
     # rcond: rcond = -1.0: must
 lambda v: design.propagate_tolerances(jnp.eye(2), v)[0], [1.0, 1.0], [1.0, -1.0]
-    # tolerance: tolerance[1] = -1.0: must not be negative
+    # propagate_tolerances: tolerance[1] = -1.0: must not be negative
 ## design/influence_line.py
 lambda v: design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients,
     AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
