@@ -109,6 +109,8 @@ def steel_section(
             )
         return SteelSection(**profile)
     if not hasattr(profile, "Wel_y"):
+        if isinstance(profile, str):
+            raise ValueError(f"profile = {profile!r}: expected catalogue.profile_data({profile!r})")
         kind = checks.describe_type(profile, 'catalogue.profile_data("IPE 300")')
         raise ValueError(f"profile: expected catalogue.profile_data(name) or a dict, got {kind}")
     if section_class not in (1, 2, 3):

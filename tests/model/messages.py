@@ -843,6 +843,7 @@ solve_cases(HUNG, PHASES[0], [])  # cases: expected at least one
 adjustment(jnp.eye(2), jnp.ones(3))  # jacobian: has shape [2, 2], which does not end with 3 inputs
 propagate_tolerances(jnp.eye(2), jnp.ones(3))
     # tolerance: expected shape (2,), as the inputs have, got (3,)
+propagate_tolerances({"a": jnp.eye(2)}, {"a": jnp.ones(3)})  # tolerance['a']: expected shape (2,)
 propagate_tolerances({"a": jnp.eye(2)}, 1e-5)  # tolerance: expected arrays
 confidence(3)  # fit: expected the result of fit, got int
 confidence(twice(a_fit()))  # fit: a batch of shape (2,)
@@ -887,6 +888,8 @@ CableFatigue(category="rope")  # category = 'rope': expected one of prestressing
 MemberSection()  # cross-section: profile, yield_strength: missing
 MemberSection(profile={"A": 1.0}, yield_strength=235e6)  # profile: expected a dict with A
 MemberSection(profile=5, yield_strength=235e6)  # profile: expected catalogue.profile_data
+MemberSection(profile="CHS 168.3x8", yield_strength=235e6)
+    # profile = 'CHS 168.3x8': expected catalogue.profile_data('CHS 168.3x8')
 MemberSection(**STEEL_TUBE).checked_elements(FRAMED)
     # ...elements: missing; say which of 'beams', 'post'
 MemberSection(**STEEL_TUBE, section_class=4)  # section_class = 4: expected 1, 2 or 3
