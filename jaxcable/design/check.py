@@ -200,6 +200,29 @@ class OnElements(Check):
         return self.checked_values(structure, known)
 
 
+def describe_largest(used: Any, terms: Terms, units: Mapping[str, str]) -> tuple[int, str]:
+    """Return the index of the item of largest utilization, and a text that says how large it is.
+
+    Of items of infinite utilization it is that of the smallest value, whose text has this value.
+
+    Args:
+        used: utilizations, [n_item], -; NaN counts least.
+        terms: as of `Check.evaluate`, in the cases that govern, and their units by name. The first
+            one is the value that limits are for.
+        units: units of terms by name.
+    """
+    used = np.asarray(used)
+    endless = np.isposinf(used)
+    names = [name for name in terms if name != UTILIZATION]
+    if not endless.any() or not names:
+        k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
+        return k, f"utilization {used[k]:.3f}"
+    values = np.asarray(terms[names[0]])
+    k = int(np.argmin(np.where(endless & ~np.isnan(values), values, np.inf)))
+    unit = f" ({units[names[0]]})" if names[0] in units else ""
+    return k, "utilization inf, {} {}".format(*input_with_unit(names[0] + unit, values[k]))
+
+
 def largest_forces(check: OnElements, structure: Structure, solution: Solution) -> Array:
     """Return the largest axial force along each checked element, [n_item], N."""
     return check.checked_values(structure, solution.peak_tension)

@@ -17,7 +17,7 @@ from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from ..programs.traced_function import evaluate_at_once
 from .cable_checks import CableResistance, CableSafety, CableService
-from .check import UTILIZATION, Check, input_with_unit
+from .check import UTILIZATION, Check, describe_largest, input_with_unit
 from .combinations import Combinations
 from .result_envelopes import values_of_cases
 
@@ -175,14 +175,11 @@ breaking strength
     def __str__(self) -> str:
         lines = []
         for one in self.results:
-            used = np.asarray(one.utilization)
-            k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
+            k, used = describe_largest(one.utilization, one.terms, dict(one.units))
             case = self.governing(one.name)[k] or "no case has a value"
             clause = f", {one.clause}" if one.clause else ""
-            fails = "FAILS: " if used[k] > 1 else ""
-            lines.append(
-                f"{one.name}: {fails}utilization {used[k]:.3f}, {one.items[k]}, {case}{clause}"
-            )
+            fails = "FAILS: " if one.utilization[k] > 1 else ""
+            lines.append(f"{one.name}: {fails}{used}, {one.items[k]}, {case}{clause}")
         return "\n".join([*lines, *self.remarks()])
 
     def remarks(self) -> list[str]:

@@ -31,8 +31,10 @@ from .check import (
     OnElements,
     Terms,
     largest_forces,
+    values_in_cases,
     warn_if_unusual,
 )
+from .result_envelopes import extreme_cases
 
 _DISPLACEMENTS, _TENSIONS, _REACTIONS = {"displacement": "m"}, {"tension": "N"}, {"reaction": "N"}
 
@@ -365,6 +367,19 @@ class ReactionLimit(Check):
                 raise ValueError(f"{self.name}: nodes: node {k} has no support")
         value = solution.reactions[numbers] @ _unit_vector(self.direction, self.name)
         return {"reaction": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
+
+    def governing_terms(
+        self, terms: dict[str, Float[Array, "n_case n_item"]]
+    ) -> tuple[Terms, Int[Array, " n_item"], None]:
+        """Return the terms as `Check`; of cases of infinite utilization the largest uplift governs.
+
+        Arguments and results are those of `Check.governing_terms`.
+        """
+        used = terms[UTILIZATION]
+        endless = jnp.isposinf(used)
+        uplift = jnp.where(endless, -terms["reaction"], -jnp.inf)
+        which = extreme_cases(jnp.where(endless.any(axis=0), uplift, used), 1)
+        return {name: values_in_cases(values, which) for name, values in terms.items()}, which, None
 
 
 def _checked_node_indices(nodes: Any, structure, name):

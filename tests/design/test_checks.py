@@ -336,6 +336,9 @@ def test_limits_of_displacements_tensions_and_reactions(cases):
     np.testing.assert_allclose(found["anchor"].utilization, up / -100e3, rtol=1e-12)
     assert up[0] < 0 < up[1]
     np.testing.assert_array_equal(found["uplift"].utilization, [np.inf, 0.0])
+    np.testing.assert_array_equal(found["uplift"].terms["reaction"][:1], up[:1])  # of all cases
+    text = f"uplift: FAILS: utilization inf, reaction (kN) {up[0] / 1e3:.6g}, node 0, "
+    assert text + found.governing("uplift")[0] in str(found)
     assert not found.passed
 
 
