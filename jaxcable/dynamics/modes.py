@@ -59,7 +59,8 @@ class NaturalModes:
         effective_mass: mass that each mode moves with along x, y, z, [n, 3], kg, whatever its
             scale; the sum over all modes is `total_mass`.
         total_mass: mass that can move against the ground along x, y, z, without that of `loose`
-            nodes, [3], kg: all but the part of elements at supports that moves with these.
+            nodes, [3], kg: all but the part of elements at supports that moves with these. A beam
+            between held nodes that rotate counts with what its bending moves, 5/6 of its mass.
         repeated: whether another mode has the same frequency (to 1e-6 of its square), [n] bool:
             such modes are one basis of many, and derivatives of frequency and shape are NaN.
         loose: nodes that slack cables alone hold, left out of the modes, [n_node] bool.
