@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from ..common.tree import pytree
+from ..common.tree import apply_numpy_or_jax, pytree
 from ..common.types import Array, Float
 from ..spaces.space import Forces
 from .generalized_alpha import MotionState, displacement_in_body_axes, to_space_axes
@@ -54,6 +55,23 @@ class EnergyBalance:
         """
         return self.kinetic + self.stored + self.dissipated - self.work - self.total
 
+    @property
+    def largest(self) -> Float[Array, " ..."]:
+        """Largest energy of a motion, which `error` is compared with, J: of all times, not of one.
+
+        It is the largest size of kinetic energy, change of stored energy since the start, and work
+        of loads. What is stored in elements that are removed does not count.
+        """
+        return apply_numpy_or_jax(
+            lambda xp, *energies: _energy_sizes(xp, *energies).max(axis=-1),
+            *(self.kinetic, self.stored, self.work, self.total),
+        )
+
+    def largest_so_far(self) -> Float[np.ndarray, " ..."]:
+        """Return `largest` of the times up to each one, as NumPy array, [..., m], J."""
+        energies = map(np.asarray, (self.kinetic, self.stored, self.work, self.total))
+        return np.maximum.accumulate(_energy_sizes(np, *energies), axis=-1)
+
     @classmethod
     def initial(cls, system: InertialSystem, state: MotionState) -> EnergyBalance:
         """Return the balance at the start of a motion."""
@@ -89,6 +107,16 @@ class EnergyBalance:
         kinetic = kinetic_energy(system, end)
         work, dissipated = self.work + works[0], self.dissipated + works[1]
         return EnergyBalance(kinetic, stored, work, dissipated, self.total)
+
+
+def _energy_sizes(xp, kinetic, stored, work, total):
+    """Return the largest size of the energies of `EnergyBalance.largest` at each time, [..., m], J.
+
+    `xp` is NumPy or jax.numpy. Steps that failed, with NaN, have 0.
+    """
+    # a removal changes the total by what it takes away
+    change = stored - stored[..., :1] - (total - total[..., :1])
+    return xp.nan_to_num(xp.abs(xp.stack([kinetic, change, work]))).max(axis=0)
 
 
 def kinetic_energy(system: InertialSystem, state: MotionState) -> Float[Array, ""]:

@@ -104,8 +104,9 @@ def transient(
     ``sqrt(steps)`` steps, and computes each step once more.
 
     An `InputWarning` is issued (outside of transformations) where the steps gain or lose more than
-    5 % of the largest energy (`EnergyBalance.error`). Such steps are too long, often for the axial
-    vibrations of cables that go taut, of period ``2 pi sqrt(m l / EA)`` with a mass m at the end.
+    5 % of the largest energy (`EnergyBalance.error`, `largest`). Such steps are too long, often for
+    the axial vibrations of cables that go taut, of period ``2 pi sqrt(m l / EA)`` with a mass m at
+    the end.
 
     Loads of `start` go on acting; `loads` are added to them from t = 0 on. Masses are those of the
     weights of elements, and `masses`. Beams also have the rotary inertia of their sections.

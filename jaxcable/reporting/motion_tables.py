@@ -41,9 +41,7 @@ def motion_tables(structure: Structure, motion: Transient) -> dict[str, Table]:
 def _energy_sentence(motion):
     """Return a sentence on the energy that the steps have gained or lost."""
     energy = motion.energy
-    parts = (energy.kinetic, energy.stored, energy.work, energy.dissipated)
-    largest = max(float(np.abs(part).max()) for part in parts)
-    error = float(np.abs(energy.error).max())
+    largest, error = float(energy.largest), float(np.abs(energy.error).max())
     share = 100 * error / largest if largest > 0 else 0.0
     return f"energy: the steps gain or lose at most {share:.2g} % of the largest energy"
 

@@ -12,7 +12,15 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxcable as jc
-from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, motion_program, transient
+from jaxcable.dynamics import (
+    Dashpots,
+    EnergyBalance,
+    ModalDamping,
+    Rayleigh,
+    Removal,
+    motion_program,
+    transient,
+)
 from jaxcable.programs.program_calls import as_program
 
 # weights are masses
@@ -70,6 +78,8 @@ def test_damping_has_the_overshoot_of_its_ratio(kind):
     assert_allclose(np.max(moved.displacement[:, 1, 0]), peak * PULL / STIFFNESS, rtol=1e-3)
     # what is dissipated is what is missing, up to the mean of both ends of steps
     assert_allclose(moved.energy.error, 0, atol=1e-4 * PULL**2 / STIFFNESS)
+    # at the peak, the work of a constant force
+    assert_allclose(moved.energy.largest, PULL * np.max(moved.displacement[:, 1, 0]), rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore:dt. from t = .* the steps lose")
@@ -187,6 +197,14 @@ def test_a_bar_that_breaks():
         assert_allclose(force[: steps + 1], first, rtol=1e-9)
         assert not np.asarray(moved.tension["goes"])[steps + 1 :].any()
         assert_allclose(moved.energy.error, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("after", "largest"), [(4.0, 2.0), (10.0, 6.0)])
+def test_energy_of_what_is_removed_is_not_the_largest(after, largest):
+    """A removal takes 6 J away, or deformation does; the last step has failed."""
+    stored, total = np.array([10.0, 4.0, 4.0, np.nan]), np.array([10.0, after, after, after])
+    kinetic, zero = np.array([0.0, 1.0, 2.0, np.nan]), np.zeros(4)
+    assert EnergyBalance(kinetic, stored, zero, zero, total).largest == largest
 
 
 def test_the_part_of_a_chain_that_breaks_off_falls_freely():
