@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.activation import element_masks
+from ..analysis.activation import Activation, element_masks
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import Indices
@@ -128,6 +128,45 @@ def removal_masks(
         k = int((pair[0] & ~pair[1]).argmax())
         raise ValueError(f"removes.elements: element {k} of elements{where} is not there in start")
     return gone
+
+
+def warn_of_nodes_without_elements(
+    gone: Sequence[Bool[ArrayLike, " n_elem"]],
+    structure: Structure,
+    start: Solution | State | None,
+    fixed: FixedDofs,
+    masses: Float[ArrayLike, " n_node"] | None,
+) -> None:
+    """Warn of nodes with added mass that only removed elements have held; not while traced.
+
+    Args:
+        gone: which elements are removed, per group [n_elem] bool.
+        structure: `Structure`.
+        start: as for `transient`.
+        fixed: degrees of freedom that supports hold.
+        masses: masses added to nodes, [n_node], kg, or None.
+    """
+    last = start.last if isinstance(start, Solution) else start
+    there = [np.ones(len(group.links), bool) for group in structure.groups]
+    if last is not None:
+        states = zip(there, last.restart.states, strict=True)
+        there = [own if state.present is None else state.present for own, state in states]
+    known: list[Any] = [checks.array_if_known(value) for value in (masses, *gone, *there)]
+    if any(value is None for value in known):
+        return
+    n_group, mass = len(gone), known[0]
+    before = known[1 + n_group :]
+    left = [(own & ~out)[None] for own, out in zip(before, known[1 : 1 + n_group], strict=True)]
+    idle = Activation(before, left).inactive_dofs(structure, structure.motion_rows()[1])
+    freed = np.asarray(idle[1] & ~idle[0])[: structure.n_node, :3]
+    freed = (freed & ~fixed.array[: structure.n_node, :3]).any(axis=1) & (mass > 0)
+    if freed.any():
+        number = int(freed.sum())
+        nodes = "node with a mass" if number == 1 else "nodes with masses"
+        checks.warn_user(
+            f"removes.elements: no element is left at {number} {nodes}, such as node "
+            f"{int(freed.argmax())}: what no element holds falls freely, and its energy counts"
+        )
 
 
 def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) -> int:

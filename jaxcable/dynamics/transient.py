@@ -32,6 +32,7 @@ from .motion_checks import (
     require_mass,
     step_of_removal,
     warn_of_energy_error,
+    warn_of_nodes_without_elements,
 )
 from .motion_plan import NODAL_HISTORIES, LoadsInTime, MotionData, MotionPlan
 from .motion_program import compute_motion
@@ -46,7 +47,8 @@ class Removal:
     """Removal of elements at a time within a motion, such as a cable that breaks.
 
     The forces that they exert at this moment, and the loads on them, are ramped to zero over the
-    duration. Their masses go at once; nodes keep their velocity.
+    duration. Their masses go at once; nodes keep their velocity. An `InputWarning` names nodes with
+    masses of their own at which no element is left: they fall freely, and their energy counts.
 
     Args:
         elements: as `Phase.removes`: keys of groups, or a `Selection` or booleans [n_elem] by
@@ -212,6 +214,7 @@ def transient(
         gone = removal_masks(removes, structure, start)
         remaining = task.bundles.join([~one for one in gone])
         first, release = step_of_removal(removes, duration, steps), removes.duration
+        warn_of_nodes_without_elements(gone, structure, start, task.fixed[-1], added)
     moving, places = moving_load_values(time_loads, task, structure, times)
     data = MotionData(
         duration=duration,
