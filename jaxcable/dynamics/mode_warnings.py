@@ -64,7 +64,7 @@ def warn_of_weights_without_mass(
         None if group.weight is None else group.weights(own)
         for group, own in zip(structure.groups, restart.states, strict=True)
     ]
-    mobility = _vertical_mobility(dof_map)
+    mobility = vertical_mobility(dof_map)
     known: list[Any] = [checks.array_if_known(x) for x in (restart.nodal_load, mobility)]
     parts: list[Any] = [checks.array_if_known(x) for x in weights if x is not None]
     if any(x is None for x in (*known, *parts)) or not parts:
@@ -83,7 +83,7 @@ def warn_of_weights_without_mass(
         )
 
 
-def _vertical_mobility(dof_map: DofMap) -> Float[ArrayLike, " n_row"]:
+def vertical_mobility(dof_map: DofMap) -> Float[ArrayLike, " n_row"]:
     """Return how far rows can move vertically, [n_row]: 1 where freely, 0 where they are held.
 
     Where a direction that is held is inclined, it is its squared sine to the vertical.

@@ -10,7 +10,9 @@ from oracles.traced import traced
 from scenes.frames import in_plane
 
 import jaxcable as jc
-from jaxcable.dynamics import modes
+from jaxcable.dynamics import mode_warnings, modes
+from jaxcable.model.supports import FixedDofs
+from jaxcable.spaces.dof_map import make_dof_map
 
 # weights are masses
 pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
@@ -254,6 +256,18 @@ def test_masses_whose_weight_was_a_load():
     with pytest.warns(jc.InputWarning, match="nodal loads of 19.61 N downwards have no mass here"):
         modes(structure, solution, n=2)
     modes(structure, solution, n=2, masses=0.0)  # silent
+
+
+def test_nodes_on_inclined_bearings_move_vertically_in_part():
+    """Held along z, along a line 60 degrees off it, along x and y, and not at all."""
+    sine, cosine = np.sin(np.pi / 3), 0.5
+    inclined = [[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]]
+    axes = np.array([np.eye(3), inclined, np.eye(3), np.eye(3)])
+    held = np.array([[0, 0, 1], [0, 0, 1], [1, 1, 0], [0, 0, 0]], bool)
+    found = mode_warnings.vertical_mobility(make_dof_map(FixedDofs(held, axes)))
+    np.testing.assert_allclose(found, [0, sine**2, 1, 1], atol=1e-15)
+    found = mode_warnings.vertical_mobility(make_dof_map(FixedDofs(held)))
+    np.testing.assert_allclose(found, [0, 0, 1, 1])
 
 
 def test_fixed_replaces_the_supports():
