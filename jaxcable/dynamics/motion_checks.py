@@ -147,7 +147,7 @@ def warn_of_nodes_without_elements(
         masses: masses added to nodes, [n_node], kg, or None.
     """
     last = start.last if isinstance(start, Solution) else start
-    there = [np.ones(len(group.links), bool) for group in structure.groups]
+    there: list[Any] = [np.ones(len(group.links), bool) for group in structure.groups]
     if last is not None:
         states = zip(there, last.restart.states, strict=True)
         there = [own if state.present is None else state.present for own, state in states]
