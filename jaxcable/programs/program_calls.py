@@ -166,6 +166,15 @@ def _known_jvp(primals, tangents, *, program):
     return found, _tangents_by_one_program(program, found, primals[:count], tangents[:count])
 
 
+def _known_batch_rule(arrays, axes, *, program):
+    """Rule for `jax.vmap` of `_KNOWN`: the program, mapped, computes the results once more.
+
+    The known ones have no derivative by the arguments.
+    """
+    count = len(program.arguments)
+    return _batch_rule(_CALL, arrays[:count], axes[:count], program=program)
+
+
 def _tangents_by_one_program(program, found, primals, tangents):
     """Return the tangents of the results `found` of a program, by a program that has no others."""
     count = len(primals)
@@ -286,6 +295,6 @@ _KNOWN = internals.define_primitive(
     _known_values,
     _known_values,
     _known_jvp,
-    lambda arrays, axes, **given: (_known_values(*arrays, **given), _known_values(*axes, **given)),
+    _known_batch_rule,
     multiple_results=True,
 )

@@ -375,6 +375,24 @@ def test_linear_parts_of_programs_within_programs(way, derive):
     np.testing.assert_allclose(found, derive(lambda x: 2.0 * x, lin, pull), rtol=1e-14)
 
 
+def test_known_results_have_derivatives_in_and_of_batches():
+    def plain(x, a):
+        return (a * x**3).sum()
+
+    program, both = as_program(plain), np.stack([X, 2.0 * X])
+
+    def number(x, a):
+        return program(x, a, value=lax.stop_gradient(plain(x, a)))
+
+    for derive in (
+        lambda f: jax.grad(f, (0, 1))(X, A),
+        lambda f: jax.vmap(jax.grad(f), (0, None))(both, A),
+        lambda f: jax.grad(lambda x, a: jax.vmap(f, (0, None))(x, a).sum(), (0, 1))(both, A),
+    ):
+        for own, other in zip(derive(number), derive(plain), strict=True):
+            np.testing.assert_allclose(own, other, rtol=1e-13)
+
+
 @pytest.mark.parametrize("way", ["numpy", "xla", "auto"])
 def test_a_batch_without_cases_has_shapes(way):
     with jc.evaluation(way):
