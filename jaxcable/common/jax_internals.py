@@ -368,8 +368,18 @@ def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[j
 
 def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
     """Return jax arrays as `arrays_on_device`, on the default device."""
+    return arrays_on_device(arrays, _default_device())
+
+
+def _default_device():
+    """Return the device for which jax compiles programs of arrays that are bound to none."""
     device = getattr(jax.config, "jax_default_device", None)
-    return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
+    return device if isinstance(device, jax.Device) else jax.devices()[0]
+
+
+def is_placed_elsewhere(x: Any) -> bool:
+    """Tell whether `x` is a jax array that is bound to devices other than the default one."""
+    return getattr(x, "committed", False) and x.sharding.device_set != {_default_device()}
 
 
 def as_jax_arrays(tree: Any) -> Any:
