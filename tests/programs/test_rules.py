@@ -445,10 +445,15 @@ def test_as_many_loops_as_python_allows():
 def test_arrays_are_nobody_elses():
     """jax may keep the memory of results: they are no views of arguments or constants."""
     x, own = np.arange(6.0).reshape(2, 3), np.arange(3.0)
-    program = jax.make_jaxpr(lambda x: (x, x.T, own + 0 * x[0], jnp.asarray(own)))(x)
-    for found in write_program(program)([x], [0.0, np.inf]):
+    def function(x):
+        known = lax.cond(x[0, 0] < 1, lambda: jnp.sqrt(jnp.arange(3.0)), lambda: x[0])
+        return x, x.T, own + 0 * x[0], jnp.asarray(own), own, known, jnp.zeros(3)
+
+    run = write_program(jax.make_jaxpr(function)(x))
+    results = [run([x], [0.0, np.inf]) for _ in range(2)]
+    for found, again in zip(*results, strict=True):
         assert found.base is None and not np.shares_memory(found, x)
-        assert not np.shares_memory(found, own)
+        assert not np.shares_memory(found, own) and not np.shares_memory(found, again)
 
 
 def test_every_rule_has_been_compared():
