@@ -86,11 +86,11 @@ def _argument_signature(x):
     if isinstance(x, np.ndarray | np.generic):
         return x.shape, x.dtype
     if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
+        place = (x.sharding,) if getattr(x, "committed", True) else ()
         weak = getattr(x, "weak_type", False)  # keys of random numbers have none
-        free = not (weak or getattr(x, "committed", True))
-        return (x.shape, x.dtype) if free else (x.shape, x.dtype, weak, x.sharding)
+        return (x.shape, x.dtype, weak, *place) if weak or place else (x.shape, x.dtype)
     aval = jax.typeof(x)
-    return (aval.shape, aval.dtype, "weak") if aval.weak_type else (aval.shape, aval.dtype)
+    return (aval.shape, aval.dtype, True) if aval.weak_type else (aval.shape, aval.dtype)
 
 
 # --- the call as a primitive

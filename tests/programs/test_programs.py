@@ -246,7 +246,7 @@ def test_what_does_not_depend_on_an_argument_is_not_differentiated_or_mapped():
     def value(x):
         return second(*first(x, np.arange(3.0), 1))
 
-    assert float(jax.grad(value)(1.0)) == 6.0
+    assert float(jax.grad(value)(np.float64(1.0))) == 6.0
     np.testing.assert_allclose(jax.vmap(value)(jnp.arange(2.0)), [0.0, 6.0])
     kinds = [key[:2] for key in next(iter(second.known.values())).known.programs]
     assert kinds == [("jvp", (0,)), ("vmap", (0, 0, None))]
@@ -416,6 +416,7 @@ def test_numbers_of_python_yield_to_the_dtype_of_arrays(way):
             jax.grad(lambda x: run(x, 2.0).sum())(x),
         ]
         assert [y.dtype for y in found] == [np.float32] * len(found)
+        assert (run(2.0, 3.0) * x).dtype == np.float32
         pull = jax.vjp(lambda x, n: run(x, n), x, 2)[1]  # jax has a type of its own for such a 2
         np.testing.assert_array_equal(pull(x)[0], 2 * x)
 
