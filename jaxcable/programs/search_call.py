@@ -101,7 +101,8 @@ class _SearchCall:
             ]
             cases = [self.search(*case) for case in zip(*rows, strict=True)]
             parts = zip(*cases, strict=True) if cases else [()] * len(shapes)
-            return [np.array(x, own.dtype).reshape(own.shape) for x, own in zip(parts, shapes)]
+            pairs = zip(parts, shapes, strict=True)
+            return [np.array(x, own.dtype).reshape(own.shape) for x, own in pairs]
 
         shapes = [jax.ShapeDtypeStruct((count, *x.shape), x.dtype) for x in self.shapes]
         return _SearchCall(search, shapes, self.reports)

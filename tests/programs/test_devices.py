@@ -20,7 +20,8 @@ CODE = """
     for place in (None, devices[1], spread, devices[0]):
         at = x if place is None else jax.device_put(x, place)
         where = {devices[0]} if place is None else at.sharding.device_set
-        found = run(at, 2.0), jax.vmap(run, (0, None))(at, 2.0), jax.jvp(run, (at, 2.0), (x, 0.0))[1]
+        batch, change = jax.vmap(run, (0, None))(at, 2.0), jax.jvp(run, (at, 2.0), (x, 0.0))[1]
+        found = run(at, 2.0), batch, change
         for own, other in zip(found, (2 * x**2, 2 * x**2, 4 * x**2), strict=True):
             assert own.sharding.device_set == where
             np.testing.assert_array_equal(own, other)

@@ -445,6 +445,7 @@ def test_as_many_loops_as_python_allows():
 def test_arrays_are_nobody_elses():
     """jax may keep the memory of results: they are no views of arguments or constants."""
     x, own = np.arange(6.0).reshape(2, 3), np.arange(3.0)
+
     def function(x):
         known = lax.cond(x[0, 0] < 1, lambda: jnp.sqrt(jnp.arange(3.0)), lambda: x[0])
         return x, x.T, own + 0 * x[0], jnp.asarray(own), own, known, jnp.zeros(3)
