@@ -356,26 +356,20 @@ def held_weakly(cls: type[_T]) -> type[_T]:
 # --- arrays
 
 
-def arrays_on_device(
-    arrays: Sequence[np.ndarray], device: jax.Device, weak: Iterable[bool] = itertools.repeat(False)
-) -> list[jax.Array]:
-    """Return jax arrays on `device`, not committed to it, of NumPy arrays with dtypes of jax.
-
-    `weak` tells of each whether its dtype yields to that of others. This takes a third of the time
-    of `jnp.asarray`, which is felt after analyses of a millisecond.
-    """
-    place = jax.sharding.SingleDeviceSharding(device)
-    return [
-        batched_device_put(_shaped(x.shape, x.dtype, own), place, [x], [device], False)
-        for x, own in zip(arrays, weak, strict=False)
-    ]
-
-
 def arrays_on_default_device(
     arrays: Sequence[np.ndarray], weak: Iterable[bool] = itertools.repeat(False)
 ) -> list[jax.Array]:
-    """Return jax arrays as `arrays_on_device`, on the default device."""
-    return arrays_on_device(arrays, _default_device(), weak)
+    """Return jax arrays on the default device, not committed to it, of NumPy arrays.
+
+    These have dtypes of jax; `weak` tells of each whether its dtype yields to that of others. This
+    takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
+    """
+    device = _default_device()
+    place = jax.sharding.SingleDeviceSharding(device)
+    return [
+        batched_device_put(_shaped(x.shape, x.dtype, weak_type=own), place, [x], [device], False)
+        for x, own in zip(arrays, weak, strict=False)
+    ]
 
 
 def _default_device():
@@ -401,7 +395,4 @@ def as_jax_arrays(tree: Any) -> Any:
     return shape.unflatten(leaves)
 
 
-@functools.lru_cache(maxsize=1024)
-def _shaped(shape, dtype, weak):
-    """Return the abstract array with a shape and dtype, which is weak or not."""
-    return jax.core.ShapedArray(shape, dtype, weak_type=weak)
+_shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)

@@ -429,6 +429,30 @@ def test_a_program_does_not_keep_all_of_its_batches():
     assert len(program.known.programs) == known.MOST_PROGRAMS
 
 
+def test_programs_depend_on_the_generator_of_random_keys():
+    run = as_program(lambda x: jax.random.key_data(jax.random.key(5)) + x)
+    for name, size in (("threefry2x32", 2), ("rbg", 4)):
+        with jax.default_prng_impl(name):
+            assert run(np.uint32(0)).shape == (size,)
+
+
+def test_programs_are_forgotten_while_threads_make_others(monkeypatch):
+    made = [known.KnownPrograms()]
+
+    class Every(weakref.WeakSet):
+        def __iter__(self):
+            for one in super().__iter__():
+                thread = threading.Thread(target=lambda: made.append(known.KnownPrograms()))
+                thread.start()
+                thread.join(0.1)
+                yield one
+
+    made[0].find("key", object)
+    monkeypatch.setattr(known.KnownPrograms, "every", Every(made))
+    known._forget()
+    assert not made[0].programs
+
+
 def test_what_was_heard_is_not_heard_again(compilations):
     """A long call that reports something does not begin again, compiled; the next one is."""
     heard = []
