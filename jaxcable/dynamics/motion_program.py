@@ -117,7 +117,8 @@ def _remove_elements(split_model, current, entry):
     still = {name: value for name, value in entry.items() if name != "released"}
     whole = model.system_at(still, current.memory)
     ramp = with_elements_present(model.ramp, data.remaining)
-    left = MotionModel.build(ramp, data, model.method, model.plan, entry, x)
+    # masses and damping of the elements that stay are those of the start
+    left = MotionModel.build(ramp, data, model.method, model.plan, entry, ramp.start.motion)
     released = left.system_at(still, current.memory).unbalanced(x) - whole.unbalanced(x)
     left = copy_with(left, released_forces=released)
     velocity = to_space_axes(whole.space, x, current.state.velocity)

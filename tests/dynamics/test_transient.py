@@ -217,6 +217,22 @@ def test_the_part_of_a_chain_that_breaks_off_falls_freely():
     assert_allclose(center, thrown, rtol=0, atol=1e-8)
 
 
+def test_a_removal_leaves_the_damping_of_what_stays():
+    """Of two bobs that swing apart, each by stiffness as it was at the start of the motion."""
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [5.0, 0, 0], [6.0, 0, 0], [5.5, 0, -1.0]]
+    ropes = jc.Cables([[0, 1], [2, 3], [3, 4]], axial_stiffness=1e3)
+    structure = jc.Structure(nodes, ropes, supports=jc.pinned([0, 2, 4]))
+    masses = np.array([0.0, 1.0, 0.0, 1.0, 0.0])
+    weight, damping = jc.PointMasses(range(5), masses), Rayleigh(stiffness=0.02)
+    times = {"dt": 0.02, "steps": 25, "masses": masses, "damping": damping}
+    gone = Removal(jc.only([2]), time=0.2)
+    whole, left = (transient(structure, weight, **times, removes=r) for r in (None, gone))
+    for moved in (whole, left):
+        assert int(moved.status) == 0
+    difference = np.abs(np.asarray(left.displacement - whole.displacement)).max(axis=(0, 2))
+    assert difference[1] < 1e-9 and difference[3] > 1e-2  # steps solve to 1e-10 of all forces
+
+
 @pytest.mark.slow
 def test_a_cable_that_is_slack_at_the_end_has_a_dynamic_factor():
     """And one whose group has no tensions beside it, as with the springs, does no harm."""
