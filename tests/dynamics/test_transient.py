@@ -388,6 +388,20 @@ def test_motions_of_any_length_share_programs():
     assert len(derived.linear.known.programs) == 1
 
 
+@pytest.mark.compiled
+def test_another_length_compiles_nothing():
+    compiled = []
+
+    def hear(event, *_, **__):
+        compiled.extend([event] if "backend_compile" in event else [])
+
+    one_mass(steps=3, loads=np.zeros((4, 2, 3)))
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    one_mass(steps=4, loads=np.zeros((5, 2, 3)))
+    jax.monitoring.unregister_event_duration_listener(hear)
+    assert not compiled
+
+
 # --- failures, and what is refused
 
 
