@@ -96,7 +96,9 @@ def _begin_motion(without_indices, arrays, method, code, data, entry, plan):
     current = start_march(model.system_at(entry, ramp.memory), velocity, model.settings, code, x)
     # all of the state depends on the arguments, so that all blocks share a program of derivatives
     state = {name: getattr(current, name) for name in ("state", "memory", "energy", "forces")}
-    state = jax.tree.map(lambda x: x + 0.0 * touched if _is_float(x) else x, state)
+    state = jax.tree.map(
+        lambda x: x + (0.0 * touched).astype(x.dtype) if _is_float(x) else x, state
+    )
     current = copy_with(current, **state)
     record = model.make_record(current, entry, jnp.int32(1))
     return _split(model), (current, record), touched
