@@ -54,6 +54,29 @@ def test_a_sudden_load_deflects_twice_as_far():
     assert_allclose(np.max(energy.kinetic), PULL**2 / (2 * STIFFNESS), rtol=1e-3)
 
 
+def test_short_steps_in_single_precision():
+    """Displacements are rounded by 1e-7, which the rates of a short step must not amplify."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0]], np.float32)
+    guide = jc.pinned([0]) + jc.restrained([1], "yz")
+    cable, bar = (
+        jc.Structure(nodes, kind([[0, 1]], axial_stiffness=np.float32(STIFFNESS)), supports=guide)
+        for kind in (jc.Cables, jc.Bars)
+    )
+    pull = jc.NodalLoads([1], np.array([PULL, 0, 0], np.float32))
+    step = np.float32(PERIOD / 2000)
+    moved = converged(transient(cable, pull, dt=step, steps=600, masses=np.float32(MASS)))
+    assert moved.displacement.dtype == moved.energy.work.dtype == np.float32
+    exact = PULL / STIFFNESS * (1 - np.cos(FREQUENCY * float(step) * np.arange(601)))
+    assert_allclose(moved.displacement[:, 1, 0], exact, rtol=0, atol=1e-4 * exact.max())
+    # from where nothing is displaced, and without load
+    thrown = {
+        "velocity": np.array([[0, 0, 0], [0.1, 0, 0]], np.float32),
+        "masses": np.float32(MASS),
+    }
+    moved = converged(transient(bar, dt=np.float32(PERIOD / 100), steps=50, **thrown))
+    assert_allclose(moved.displacement[25, 1, 0], 0.1 / FREQUENCY, rtol=1e-3)
+
+
 @pytest.mark.parametrize("kind", ["ground", "between", "mass", "stiffness", "modal"])
 def test_damping_has_the_overshoot_of_its_ratio(kind):
     ratio = 0.1
