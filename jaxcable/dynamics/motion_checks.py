@@ -193,8 +193,8 @@ def warn_of_energy_error(
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((energy, time))):
         return
-    energy = jax.tree.map(np.asarray, energy)  # jax would compile sums for every number of steps
-    kinetic, stored, work, error = energy.kinetic, energy.stored, energy.work, energy.error
+    known: Any = jax.tree.map(np.asarray, energy)  # jax would compile sums for each length
+    kinetic, stored, work, error = known.kinetic, known.stored, known.work, known.error
     if any(group.has_memory for group in structure.groups):
         error = np.maximum(error, 0.0)
     # NaN are steps that failed, which the status says
