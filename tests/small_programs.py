@@ -86,15 +86,8 @@ def _evaluate(*arguments, jaxpr, **options):
     found = None if config.debug_nans.value else _known[jaxpr].results(arguments)
     if found is None:
         return COMPILE(*arguments, jaxpr=jaxpr, **options)
-    arrays = internals.arrays_on_default_device(found)
-    return [_weak(x, own) for x, own in zip(arrays, jaxpr.out_avals, strict=True)], None, None, []
-
-
-def _weak(x, aval):
-    """Return an array whose dtype yields to that of others, if that of the result does."""
-    if aval.weak_type:
-        return type(x)(x.aval.update(weak_type=True), x.sharding, [x], committed=False)
-    return x
+    weak = [x.weak_type for x in jaxpr.out_avals]
+    return internals.arrays_on_default_device(found, weak), None, None, []
 
 
 def by_numpy(switch):

@@ -20,7 +20,7 @@ from ..design import checks, combination_rules, combinations, solve_cases
 from ..design.check import Check
 from ..design.checks import Checks
 from ..design.combinations import Combinations
-from ..design.member_checks import MemberBuckling
+from ..design.member_buckling import MemberBuckling
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure

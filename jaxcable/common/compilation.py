@@ -16,6 +16,7 @@ from .jax_internals import is_tracing
 _SETTINGS = (
     *("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision"),
     *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
+    *("jax_default_prng_impl", "jax_threefry_partitionable"),
 )
 _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 """Settings by which jax runs every operation by itself, or checks it."""

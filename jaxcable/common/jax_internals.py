@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import operator
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -355,21 +356,31 @@ def held_weakly(cls: type[_T]) -> type[_T]:
 # --- arrays
 
 
-def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[jax.Array]:
-    """Return jax arrays on `device`, not committed to it, of NumPy arrays with dtypes of jax.
+def arrays_on_default_device(
+    arrays: Sequence[np.ndarray], weak: Iterable[bool] = itertools.repeat(False)
+) -> list[jax.Array]:
+    """Return jax arrays on the default device, not committed to it, of NumPy arrays.
 
-    This takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
+    These have dtypes of jax; `weak` tells of each whether its dtype yields to that of others. This
+    takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
     """
+    device = _default_device()
     place = jax.sharding.SingleDeviceSharding(device)
     return [
-        batched_device_put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays
+        batched_device_put(_shaped(x.shape, x.dtype, weak_type=own), place, [x], [device], False)
+        for x, own in zip(arrays, weak, strict=False)
     ]
 
 
-def arrays_on_default_device(arrays: Sequence[np.ndarray]) -> list[jax.Array]:
-    """Return jax arrays as `arrays_on_device`, on the default device."""
+def _default_device():
+    """Return the device for which jax compiles programs of arrays that are bound to none."""
     device = getattr(jax.config, "jax_default_device", None)
-    return arrays_on_device(arrays, device if isinstance(device, jax.Device) else jax.devices()[0])
+    return device if isinstance(device, jax.Device) else jax.devices()[0]
+
+
+def is_placed_elsewhere(x: Any) -> bool:
+    """Tell whether `x` is a jax array that is bound to devices other than the default one."""
+    return getattr(x, "committed", False) and x.sharding.device_set != {_default_device()}
 
 
 def as_jax_arrays(tree: Any) -> Any:

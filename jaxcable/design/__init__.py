@@ -15,7 +15,8 @@ from .influence_line import InfluenceLine, influence_line
 from .kinks import nearest_kink, slack_distance, slack_margin
 from .limit_checks import DisplacementLimit, OwnCheck, ReactionLimit, TensionLimit
 from .load_cases import Envelope, envelope, solve_cases, utilization
-from .member_checks import MemberBuckling, MemberSection, buckling_factors
+from .member_buckling import MemberBuckling, buckling_factors
+from .member_checks import MemberSection
 from .minimize import Design, History, minimize
 from .moving_loads import WorstPosition, moving_load, worst_position
 from .objectives import (

@@ -18,7 +18,7 @@ from ..analysis.solution import Solution
 from ..common import checks
 from ..common.owned import owned_copy
 from ..common.selection import Selection
-from ..common.types import Array, Float, Int, PyTree
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.element import Element
 from ..model.result_parts import items_per_group, named_groups_of
 from ..model.structure import Structure
@@ -89,6 +89,19 @@ class Check(abc.ABC):
 
         It is called for one case under `jax.vmap`: no ``if`` on numbers of the solution.
         """
+
+    def for_case(self, case: Int[ArrayLike, ""], n_case: int) -> Check:
+        """Return the check of one of `n_case` cases, of index `case`, which may be traced.
+
+        It is another one where the user has stated a number for each case.
+        """
+        return self
+
+    def across_cases(
+        self, terms: dict[str, Float[Array, "n_case n_item"]]
+    ) -> dict[str, Float[Array, "n_case n_item"]]:
+        """Return the terms of all cases that count, where one case tells something of another."""
+        return terms
 
     def inputs(self) -> dict[str, Any]:
         """Return what the user stated, numbers and texts, by labels with units such as "f_y (Pa)".

@@ -21,10 +21,7 @@ from .check import UTILIZATION, Check, describe_largest, input_with_unit
 from .combinations import Combinations
 from .result_envelopes import values_of_cases
 
-RULES = {
-    "EN 1993-1-11": (CableResistance, CableService),
-    "ASCE 19": (CableSafety,),
-}
+RULES = {"EN 1993-1-11": (CableResistance, CableService), "ASCE 19": (CableSafety,)}
 """Checks of all cables of a structure, by the name of a standard."""
 
 
@@ -340,22 +337,23 @@ def _values_of_checks(made, counted, structure, solutions):
     `counted` are the indices of the cases that count, [n_counted], for each check.
     """
     orders: list[list[str]] = []  # transformations sort the keys of a dict
+    n_case = len(solutions.status)
 
     def values(solutions):
         found = []
         for check, cases in zip(made, counted, strict=True):
             order: list[str] = []
+            index = jnp.asarray(cases)
 
-            def terms_of_case(solution, check=check, order=order):
-                terms = check.evaluate(structure, solution)
-                order[:] = terms
+            def terms_of_case(solution, case, check=check, order=order):
+                order[:] = terms = check.for_case(case, n_case).evaluate(structure, solution)
                 return terms
 
-            chosen = jax.tree.map(lambda x, cases=cases: jnp.asarray(x)[cases], solutions)
-            terms = values_of_cases(terms_of_case, chosen)
-            governing, which, second = check.governing_terms({name: terms[name] for name in order})
+            chosen = jax.tree.map(lambda x, index=index: jnp.asarray(x)[index], solutions)
+            terms = values_of_cases(terms_of_case, chosen, index)
+            terms = check.across_cases({name: terms[name] for name in order})
+            governing, which, second = check.governing_terms(terms)
             orders.append(list(governing))
-            index = jnp.asarray(cases)
             places = index[which], None if second is None else index[second]
             found.append((list(governing.values()), places, terms[UTILIZATION]))
         return found

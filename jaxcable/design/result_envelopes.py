@@ -118,19 +118,20 @@ def extreme_cases(values: Float[ArrayLike, "n_case ..."], sign: int) -> Int[Arra
 
 
 def values_of_cases(
-    function: Callable[[Solution], PyTree[Array]], solutions: Solution
+    function: Callable[..., PyTree[Array]], solutions: Solution, *beside: Array
 ) -> PyTree[Float[Array, "n_case ..."]]:
     """Return the values of a function in all cases, [n_case, ...]; NaN in cases that have failed.
 
-    A failed case does not make derivatives of the others NaN; if all have failed, all are NaN.
+    It takes the solution of one case, and its entries of the arrays `beside`, [n_case, ...]. A
+    failed case does not make derivatives of the others NaN; if all have failed, all are NaN.
     """
     good = jnp.asarray(solutions.status) == status.OK
     taken, factor = good | ~good.any(), jnp.where(good.any(), 1.0, jnp.nan)
 
-    def of_one(solution, is_taken):
-        return jax.tree.map(lambda x: factor * jnp.where(is_taken, x, jnp.nan), function(solution))
+    def of_one(is_taken, *given):
+        return jax.tree.map(lambda x: factor * jnp.where(is_taken, x, jnp.nan), function(*given))
 
-    return jax.vmap(of_one)(solutions, taken)
+    return jax.vmap(of_one)(taken, solutions, *beside)
 
 
 def result_envelope(

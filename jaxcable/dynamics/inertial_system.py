@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import linear
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..equilibrium.convergence import default_tolerance
 from ..linear import Matrix
@@ -107,7 +107,7 @@ class InertialSystem(System):
         inertia: `Inertia`.
         step: `TimeStep`.
         min_force_scale: lower limit of the force that tolerances refer to, N: loads and inertia
-            cancel each other where parts fly freely, and displacements are rounded.
+            cancel where parts fly freely, and displacements (of nets: in the step) are rounded.
     """
 
     inertia: Inertia
@@ -124,13 +124,14 @@ class InertialSystem(System):
         """
         given = {field.name: getattr(system, field.name) for field in dataclasses.fields(System)}
         begin, mass = step.begin, inertia.diagonal_mass(system)[:, :3]
-        force = jnp.abs(system.load[:, :3]) + mass * jnp.abs(begin.acceleration[:, :3])
-        force = force + _VELOCITY_CHANGE * mass * jnp.abs(begin.velocity[:, :3]) / step.duration
+        found = cls(**given, inertia=inertia, step=step, min_force_scale=jnp.zeros(()))
+        speed = jnp.abs(begin.velocity[:, :3])
+        rounded = step.duration * speed + (0.0 if found.is_net else jnp.abs(begin.motion[:, :3]))
         rounding = jnp.finfo(mass.dtype).eps / default_tolerance(mass.dtype)
-        factor = rounding * step.acceleration_per_displacement
-        force = force + factor * mass * jnp.abs(begin.motion[:, :3])
-        least = jnp.max(force, initial=0.0)
-        return cls(**given, inertia=inertia, step=step, min_force_scale=least)
+        rates = jnp.abs(begin.acceleration[:, :3]) + _VELOCITY_CHANGE * speed / step.duration
+        rates = rates + rounding * step.acceleration_per_displacement * rounded
+        force = jnp.abs(system.load[:, :3]) + mass * rates
+        return copy_with(found, min_force_scale=jnp.max(force, initial=0.0))
 
     # --- forces
 
@@ -387,8 +388,7 @@ def initial_acceleration_and_load(
         state: `MotionState` with zero accelerations.
     """
     x = state.motion
-    force = -bare.unbalanced(x)
-    force = force - system.inertia_force(state) - system.damping_force(state)
+    force = -bare.unbalanced(x) - system.inertia_force(state) - system.damping_force(state)
     matrix = system.assemble_mass_matrix(x)
     massless = linear.diagonal(matrix) <= 0
     matrix = linear.hold_unknowns(matrix, massless)

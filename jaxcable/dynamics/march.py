@@ -23,6 +23,7 @@ from ..mechanics.assembly import System
 from ..mechanics.elementwise import Memory
 from ..numerics import implicit
 from ..spaces.space import Forces
+from ..spaces.translations import drop_low_part
 from .energy_balance import EnergyBalance
 from .generalized_alpha import AlphaParameters, MotionState, TimeStep, to_body_axes
 from .inertial_system import Inertia, InertialSystem, initial_acceleration_and_load
@@ -162,6 +163,7 @@ def _advance_undivided(current, system_at, entry, settings, duration):
     _, frozen = lax.stop_gradient(systems(*lax.stop_gradient((current, entry))))
     farthest = _MAX_PREDICTED_DISPLACEMENT * frozen.length_scale()
     guess = frozen.impose_supports(frozen.step.predicted_motion(frozen.space, farthest))
+    guess = frozen.with_zero_low_order_part(guess)
     outcome, factored = equilibrate(frozen, guess, method, active, current.factored)
     known = outcome.x, outcome.equilibrated, lax.stop_gradient(factored)
 
@@ -172,6 +174,8 @@ def _advance_undivided(current, system_at, entry, settings, duration):
         sound = implicit.stop_gradient_unless(ok, system)
         x = implicit.attach_derivative_with_marks(sound, x, ok, *given)[0]
         end = system.step.end_state(system.space, x)
+        x = drop_low_part(x)  # rates have the digits of the displacement in the step
+        end = copy_with(end, motion=x)
         load = bare.external_force(x)
         if settings.moves_supports:
             resisting = bare.unbalanced(x) + system.inertia_force(end) + system.damping_force(end)

@@ -182,12 +182,15 @@ def step_of_removal(removes: Any, duration: Float[ArrayLike, ""], steps: int) ->
     if not (time is not None and time == 0) and (time is None or step is None):
         raise ValueError("removes.time, dt: are traced; the step of a removal is topology")
     number = 0.0 if time == 0 else float(time) / float(step)
-    if abs(number - round(number)) > 1e-6 or round(number) >= steps:
+    # times of steps, and durations up to the last one, are rounded
+    eps = max(np.finfo(v.dtype).eps for v in known if v is not None and v.dtype.kind == "f")
+    if abs(number - round(number)) > 1e-6 + 4 * eps * number or round(number) >= steps:
         raise ValueError(
             f"removes.time = {time}: expected a whole number of steps of {step} s, fewer than "
             f"{steps}, after which the motion ends"
         )
-    if step is not None and release is not None and release > (steps - number + 1e-6) * step:
+    least = 1e-6 + 4 * eps * steps
+    if step is not None and release is not None and release > (steps - number + least) * step:
         raise ValueError(
             f"removes.duration = {release}: forces of removed elements end at {time + release:g} "
             f"s, after the motion, which ends at {steps * float(step):g} s"
@@ -229,10 +232,11 @@ def warn_of_energy_error(
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((energy, time))):
         return
-    stored, error = np.asarray(energy.stored), np.asarray(energy.error)
+    known: Any = jax.tree.map(np.asarray, energy)  # jax would compile sums for each length
+    stored, error = known.stored, known.error
     if any(group.has_memory for group in structure.groups):
         error = np.maximum(error, 0.0)
-    largest = energy.largest_so_far()  # without steps that failed, which the status says
+    largest = known.largest_so_far()  # without steps that failed, which the status says
     precision = 100 * np.finfo(error.dtype).eps
     least = max(_UNSEEN_OF_STORED, precision) * np.nanmax(np.abs(stored), initial=0.0)
     size = np.nan_to_num(np.abs(error))

@@ -96,7 +96,9 @@ def _begin_motion(without_indices, arrays, method, code, data, entry, plan):
     current = start_march(model.system_at(entry, ramp.memory), velocity, model.settings, code, x)
     # all of the state depends on the arguments, so that all blocks share a program of derivatives
     state = {name: getattr(current, name) for name in ("state", "memory", "energy", "forces")}
-    state = jax.tree.map(lambda x: x + 0.0 * touched if _is_float(x) else x, state)
+    state = jax.tree.map(
+        lambda x: x + (0.0 * touched).astype(x.dtype) if _is_float(x) else x, state
+    )
     current = copy_with(current, **state)
     record = model.make_record(current, entry, jnp.int32(1))
     return _split(model), (current, record), touched
@@ -117,7 +119,8 @@ def _remove_elements(split_model, current, entry):
     still = {name: value for name, value in entry.items() if name != "released"}
     whole = model.system_at(still, current.memory)
     ramp = with_elements_present(model.ramp, data.remaining)
-    left = MotionModel.build(ramp, data, model.method, model.plan, entry, x)
+    # masses and damping of the elements that stay are those of the start
+    left = MotionModel.build(ramp, data, model.method, model.plan, entry, ramp.start.motion)
     released = left.system_at(still, current.memory).unbalanced(x) - whole.unbalanced(x)
     left = copy_with(left, released_forces=released)
     velocity = to_space_axes(whole.space, x, current.state.velocity)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -30,8 +32,17 @@ class TimeLoads(NamedTuple):
     """
 
     phase_loads: list[Varying]
-    forces: Float[Array, "m n_node n"] | None
+    forces: Float[ArrayLike, "m n_node n"] | None
     moving_by_index: dict[int, Callable[[Array], Any]]
+
+
+def times_of_steps(duration: Float[ArrayLike, ""], steps: int) -> Float[Array, " m"]:
+    """Return the times of all steps of a `duration`, s, and of the start: [steps + 1], s."""
+    known = checks.array_if_known(duration)
+    if known is None:
+        return jnp.arange(steps + 1) * duration
+    # jax would compile the product for every number of steps
+    return jnp.asarray(np.arange(steps + 1) * known, jnp.asarray(duration).dtype)
 
 
 def sort_time_loads(loads: Any, structure: Structure, times: Float[Array, " m"]) -> TimeLoads:
@@ -43,8 +54,9 @@ def sort_time_loads(loads: Any, structure: Structure, times: Float[Array, " m"])
     given = list(given) if isinstance(given, list | tuple) else [given]
     kept, forces, moving = [], [], {}
     shapes = [(structure.n_node, 3)] + [(structure.n_node, 6)] * structure.space.rotates
+    begin = jnp.asarray(checks.as_numpy_if_known(times)[0])
     for k, one in enumerate(given):
-        first = one(times[0]) if callable(one) else one
+        first = one(begin) if callable(one) else one
         if isinstance(first, OnNodes) and callable(one):
             first.check(structure)
             shape = shapes[-1], structure.nodes.dtype
@@ -68,11 +80,12 @@ def sort_time_loads(loads: Any, structure: Structure, times: Float[Array, " m"])
             # all of it acts from the start on
             kept.append(first if isinstance(first, Varying) else Varying(first, (0, 1), (1, 1)))
         else:
-            values = jnp.asarray(sample_in_time(one, f"loads[{k}]", times, *shapes))
+            values = sample_in_time(one, f"loads[{k}]", times, *shapes)
             require_finite(values, f"loads[{k}]")
-            more = shapes[-1][-1] - values.shape[-1]
-            forces.append(jnp.pad(values, [(0, 0), (0, 0), (0, more)]))
-    return TimeLoads(kept, sum(forces) if forces else None, moving)
+            xp, more = checks.numpy_or_jax(values), shapes[-1][-1] - values.shape[-1]
+            values = xp.asarray(values, jnp.result_type(values))  # in float32 NumPy has more digits
+            forces.append(xp.pad(values, [(0, 0), (0, 0), (0, more)]))
+    return TimeLoads(kept, functools.reduce(operator.add, forces) if forces else None, moving)
 
 
 def sample_in_time(

@@ -37,7 +37,7 @@ from .motion_checks import (
 from .motion_plan import NODAL_HISTORIES, LoadsInTime, MotionData, MotionPlan
 from .motion_program import compute_motion
 from .response import Transient
-from .time_loads import moving_load_values, sample_in_time, sort_time_loads
+from .time_loads import moving_load_values, sample_in_time, sort_time_loads, times_of_steps
 
 SCHEMES = "generalized-alpha", "energy-momentum"
 
@@ -194,7 +194,7 @@ def transient(
     require_mass(structure, added)
     dampings = as_dampings(damping, structure)
     count = structure.n_node
-    times = jnp.arange(steps + 1) * jnp.asarray(duration)
+    times = times_of_steps(duration, steps)
     time_loads = sort_time_loads(loads, structure, times)
     phase = Phase(loads=time_loads.phase_loads or None)
     coupled = rows_coupled_by_damping(structure, dampings)
@@ -246,4 +246,5 @@ def transient(
     }
     warn_of_energy_error(found.energy, times, structure)
     codes = found.codes
-    return Transient(codes[-1], codes, found.parts, times, found.energy, arranged, kept_nodes)
+    code = jnp.asarray(checks.as_numpy_if_known(codes)[-1])
+    return Transient(code, codes, found.parts, times, found.energy, arranged, kept_nodes)

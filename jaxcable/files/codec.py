@@ -29,7 +29,8 @@ from ..design.actions import Action
 from ..design.cable_checks import CableFatigue, CableResistance, CableSafety, CableService
 from ..design.check import Check
 from ..design.limit_checks import DisplacementLimit, ReactionLimit, TensionLimit
-from ..design.member_checks import MemberBuckling, MemberSection
+from ..design.member_buckling import MemberBuckling
+from ..design.member_checks import MemberSection
 from ..elements import (
     Bars,
     Beams,

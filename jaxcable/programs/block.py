@@ -49,6 +49,7 @@ class Names:
 
     Attributes:
         space: globals of the program's functions, with the values of constants.
+        kept: addresses (`id`) of the arrays among these.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class Names:
         self.space = dict(functions)
         self.make_function, self._n_call = make_function, n_call
         self._functions: dict[int, Any] = {}  # with the program, so that it stays
+        self.kept: set[int] = set()
         self._count = itertools.count()
         self._by_content: dict[Any, Value] = {}
         self._helpers: dict[Any, str] = {}
@@ -83,7 +85,8 @@ class Names:
         found = self._by_content.get(key)
         if found is None:
             name = self.new("c")
-            self.space[name] = x if x.ndim else x[()]
+            x = self.space[name] = x if x.ndim else x[()]
+            self.kept.add(id(x))
             found = self._by_content[key] = Value(name, shape, x.dtype, held, 0)
         return found._replace(shape=shape)
 
@@ -128,7 +131,8 @@ class Names:
         name = self._helpers.get(key)
         if name is None:
             name = self.new("h")
-            self.space[name] = make(*static)  # before another thread can find the name
+            self.space[name] = found = make(*static)  # before another thread can find the name
+            self.kept.add(id(found))
             self._helpers[key] = name
         return name
 

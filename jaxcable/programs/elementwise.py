@@ -133,6 +133,8 @@ def _reduce_precision(block, equation, inputs):
 def _select(block, equation, inputs):
     """Write ``select_n``: by a computed index, one of several cases for each entry or for all."""
     which, *cases = inputs
+    if len(cases) == 1:
+        return cases
     if which.held == ():  # one case for all entries
         if which.depth == 0:
             return [cases[int(block.names.space[which.name])]]

@@ -50,14 +50,16 @@ def write_program(program: Any) -> Callable[[Sequence[Any], list[float]], list[n
             found = compute(work, *given)
         inputs = set(map(id, given))
         # jax may keep the memory of an array: it must be nobody else's
-        return [np.array(x) if _is_shared(x, inputs) else np.asarray(x) for x in found]
+        return [np.array(x) if _is_shared(x, inputs, names.kept) else np.asarray(x) for x in found]
 
     return run
 
 
-def _is_shared(x, inputs):
-    """Tell whether a result of NumPy must be copied: it is a view of another array, or an input.
+def _is_shared(x, inputs, constants):
+    """Tell whether a result of NumPy must be copied: it is a view, an input, or a constant.
 
-    `inputs` are the addresses (`id`) of the inputs.
+    `inputs` and `constants` are the addresses (`id`) of these.
     """
-    return isinstance(x, np.ndarray) and (x.base is not None or id(x) in inputs)
+    if not isinstance(x, np.ndarray):
+        return False
+    return x.base is not None or id(x) in inputs or id(x) in constants

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .rules import result_of, rule
+from .rules import NoRuleError, result_of, rule
 
 
 def _out_of_bounds_mode(equation):
@@ -166,6 +166,8 @@ _OPERATIONS |= {"min": np.minimum, "max": np.maximum}
 def _scatter(block, equation, inputs):
     """Write a scatter: updates that are set, added, multiplied ... at computed indices."""
     x, indices, updates = inputs
+    if equation.primitive.name == "scatter" and equation.params["update_jaxpr"] is not None:
+        raise NoRuleError("scatter of a function of the entries")  # ``x.at[i].apply(f)``
     numbers, clips = equation.params["dimension_numbers"], _out_of_bounds_mode(equation) == "clip"
     make = _make_scatter_indices, numbers, x.shape, updates.shape, clips
     prepared = _write_preparation(block, make, indices)

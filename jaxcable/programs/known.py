@@ -26,8 +26,9 @@ class KnownPrograms:
 
     def __init__(self) -> None:
         self.programs: OrderedDict[Any, Any] = OrderedDict()
-        self._lock = threading.Lock()
-        self.every.add(self)
+        self._lock = threading.RLock()
+        with _of_all:
+            self.every.add(self)
 
     def find(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """Return the program of a key; if it is not known, make it by `make` and store it."""
@@ -38,9 +39,19 @@ class KnownPrograms:
                 self.programs.popitem(last=False)
         return program
 
+    def forget(self) -> None:
+        """Forget all programs."""
+        with self._lock:
+            self.programs.clear()
+
+
+_of_all = threading.Lock()  # for `KnownPrograms.every`
+
 
 @on_forget_programs
 def _forget():
     """Empty all `KnownPrograms`: later calls are traced and compiled anew."""
-    for known in list(KnownPrograms.every):
-        known.programs.clear()
+    with _of_all:
+        every = list(KnownPrograms.every)
+    for known in every:
+        known.forget()

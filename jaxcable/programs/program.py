@@ -111,7 +111,9 @@ class Program:
             if found is not None and decision.is_within_host_call():
                 return found
             if found is not None:
-                return internals.arrays_on_default_device(found)
+                return internals.arrays_on_default_device(found, self._weak)
+        if any(map(internals.is_placed_elsewhere, leaves)):
+            return self._on_any_device(*leaves)
         with self._lock:
             if self._xla is None:
                 sizes = [
@@ -124,6 +126,19 @@ class Program:
                 with without_garbage_collection():
                     self._xla = self.traced.lower().compile(options)
         return self._xla(*leaves)
+
+    @functools.cached_property
+    def _weak(self) -> list[bool]:
+        """Whether the dtype of each result yields to that of others, as of numbers of Python."""
+        return [x.weak_type for x in self.avals]
+
+    @functools.cached_property
+    def _on_any_device(self) -> Callable[..., list[Array]]:
+        """The program for arguments that are bound to devices, or spread over several.
+
+        `jax.jit` compiles it where they are.
+        """
+        return jax.jit(internals.function_of_jaxpr(self.traced.jaxpr))
 
     def _run_by_numpy(self, way, leaves):
         """Return the results by NumPy, a list; None if the program is to be compiled.

@@ -86,11 +86,11 @@ def _argument_signature(x):
     if isinstance(x, np.ndarray | np.generic):
         return x.shape, x.dtype
     if isinstance(x, jax.Array) and not isinstance(x, jax.core.Tracer):
+        place = (x.sharding,) if getattr(x, "committed", True) else ()
         weak = getattr(x, "weak_type", False)  # keys of random numbers have none
-        free = not (weak or getattr(x, "committed", True))
-        return (x.shape, x.dtype) if free else (x.shape, x.dtype, weak, x.sharding)
+        return (x.shape, x.dtype, weak, *place) if weak or place else (x.shape, x.dtype)
     aval = jax.typeof(x)
-    return (aval.shape, aval.dtype, "weak") if aval.weak_type else (aval.shape, aval.dtype)
+    return (aval.shape, aval.dtype, True) if aval.weak_type else (aval.shape, aval.dtype)
 
 
 # --- the call as a primitive
@@ -164,6 +164,15 @@ def _known_jvp(primals, tangents, *, program):
     found = _KNOWN.bind(*primals, program=program)
     count = len(program.arguments)
     return found, _tangents_by_one_program(program, found, primals[:count], tangents[:count])
+
+
+def _known_batch_rule(arrays, axes, *, program):
+    """Rule for `jax.vmap` of `_KNOWN`: the program, mapped, computes the results once more.
+
+    The known ones have no derivative by the arguments.
+    """
+    count = len(program.arguments)
+    return _batch_rule(_CALL, arrays[:count], axes[:count], program=program)
 
 
 def _tangents_by_one_program(program, found, primals, tangents):
@@ -286,6 +295,6 @@ _KNOWN = internals.define_primitive(
     _known_values,
     _known_values,
     _known_jvp,
-    lambda arrays, axes, **given: (_known_values(*arrays, **given), _known_values(*axes, **given)),
+    _known_batch_rule,
     multiple_results=True,
 )

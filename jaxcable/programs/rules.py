@@ -29,9 +29,10 @@ def numpy_dtype(aval: Any) -> np.dtype[Any]:
 
     Raises:
         NoRuleError: NumPy has none (keys of random numbers), or the rules are not written for it
-            (complex numbers).
+            (complex numbers, floats of fewer than 32 bits).
     """
-    if not isinstance(aval.dtype, np.dtype) or aval.dtype.kind == "c":
+    is_number = isinstance(aval.dtype, np.dtype) and aval.dtype.kind in "biu"
+    if not is_number and aval.dtype not in (np.float32, np.float64):
         raise NoRuleError(f"numbers of dtype {aval.dtype}")
     return aval.dtype
 
@@ -49,7 +50,7 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
 def result_of(equation: Any, k: int = 0) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Return shape and dtype of the result with index `k` of an equation."""
     aval = equation.outvars[k].aval
-    return tuple(aval.shape), np.dtype(aval.dtype)
+    return tuple(aval.shape), numpy_dtype(aval)
 
 
 def places(inputs: Sequence[Any], first: int = 0) -> str:

@@ -100,7 +100,9 @@ class _SearchCall:
                 for x, axis in zip(leaves, axes, strict=True)
             ]
             cases = [self.search(*case) for case in zip(*rows, strict=True)]
-            return [np.stack([np.asarray(x) for x in parts]) for parts in zip(*cases, strict=True)]
+            parts = zip(*cases, strict=True) if cases else [()] * len(shapes)
+            pairs = zip(parts, shapes, strict=True)
+            return [np.array(x, own.dtype).reshape(own.shape) for x, own in pairs]
 
         shapes = [jax.ShapeDtypeStruct((count, *x.shape), x.dtype) for x in self.shapes]
         return _SearchCall(search, shapes, self.reports)

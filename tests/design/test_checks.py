@@ -249,6 +249,52 @@ def test_buckling_factor_of_the_state_instead_of_lengths():
     np.testing.assert_allclose(one, other, rtol=5e-3)
 
 
+def test_each_case_has_its_buckling_factor():
+    """A pinned strut with a reference: by Euler's force in all cases, whatever they add to it.
+
+    The factors are those at which each case reaches Euler's force. One case adds a thousandth of
+    the reference, one relieves it, and one has no factor.
+    """
+    bars = jc.Bars([[0, 1]], axial_stiffness=210e9 * TUBE.A)
+    supports = jc.pinned([0]) + jc.restrained([1], "xy")
+    structure = jc.Structure([[0, 0, 0], [0, 0, 6.0]], bars, supports)
+
+    def push(force):
+        return jc.Phase(loads=jc.NodalLoads([1], (0, 0, -force)))
+
+    before, added = converged(jc.solve(structure, push(50e3))), np.array([0.05e3, 60e3, -20e3])
+    cases = design.solve_cases(structure, push(50e3), [push(force) for force in added])
+    assert (np.asarray(cases.status) == jc.status.OK).all()
+    factors = (float(critical_force(TUBE.Iy, 6.0)) - 50e3) / added
+    factors[2] = np.inf  # as of loads that stiffen
+    steel = {"profile": TUBE, "yield_strength": STEEL, "curves": "a"}
+    by_length = design.MemberBuckling(name="by length", lengths=6.0, **steel)
+
+    def by_factor(values, name="by factor"):
+        return design.MemberBuckling(name=name, factors=values, reference=before, **steel)
+
+    unknown = np.where(added == added.max(), np.nan, factors)
+    rules = [by_length, by_factor(factors), by_factor(unknown, "unknown")]
+    found = design.checks(structure, cases, rules)
+    expected = found["by length"].values
+    # bars give the sum of both forces to rounding; Euler's force is a difference of 1e6 and 5e4 N
+    np.testing.assert_allclose(found["by factor"].values, expected, rtol=1e-9)
+    np.testing.assert_allclose(found["by factor"].terms["N_cr"], critical_force(TUBE.Iy, 6.0))
+    np.testing.assert_array_equal(np.isnan(found["unknown"].values[:, 0]), added == added.max())
+    assert found.governing("by factor") == ["case 1"]
+    # one factor for all: the first case would be close to its critical force
+    wrong = design.checks(structure, cases, by_factor(factors[1]))["by factor"]
+    assert float(wrong.values[0, 0]) > 5 * float(expected[0, 0])
+
+    def largest(p):
+        one = by_factor(factors * jnp.stack([jnp.ones(()), p, jnp.ones(())]))
+        return design.checks(structure, cases, one).largest, cases.status.max()
+
+    assert_gradient(largest, 1.0)
+    with pytest.raises(ValueError, match="factors: expected one number, or 3, one for each case"):
+        design.checks(structure, cases, by_factor(factors[:2]))
+
+
 def stayed(strength=400e3):
     """A post on a hinge between two stays, which share a wind; stays of known area."""
     stays = jc.Cables(

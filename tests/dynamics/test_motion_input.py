@@ -7,6 +7,7 @@ from oracles.convergence import converged
 
 import jaxcable as jc
 from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, falling_load, transient
+from jaxcable.dynamics.motion_checks import step_of_removal
 
 BAR = jc.Bars([[0, 1]], axial_stiffness=1e3)
 NODES = [[0.0, 0, 0], [1.0, 0, 0]]
@@ -91,6 +92,17 @@ def test_what_is_gone_is_not_removed_again():
     start = converged(jc.solve(net, [*phases, jc.Phase(removes=gone)]))
     with pytest.raises(ValueError, match=r"removes.elements: element 2 of elements is not there"):
         transient(net, start=start, removes=Removal(gone), **GIVEN)
+
+
+def test_times_in_single_precision_are_whole_numbers_of_steps():
+    step = np.float32(0.003)
+    for k in (0, 50, 333):
+        gone = Removal(True, time=np.float32(0.003 * k), duration=np.float32(0.003 * (400 - k)))
+        assert step_of_removal(gone, step, 400) == k
+    for time, release in ((0.0031, 0.0), (0.003, 1.2)):
+        with pytest.raises(ValueError, match="removes"):
+            gone = Removal(True, time=np.float32(time), duration=np.float32(release))
+            step_of_removal(gone, step, 400)
 
 
 def test_nodes_of_histories_and_of_pictures():

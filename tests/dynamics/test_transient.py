@@ -62,6 +62,29 @@ def test_a_sudden_load_deflects_twice_as_far():
     assert_allclose(np.max(energy.kinetic), PULL**2 / (2 * STIFFNESS), rtol=1e-3)
 
 
+def test_short_steps_in_single_precision():
+    """Displacements are rounded by 1e-7, which the rates of a short step must not amplify."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0]], np.float32)
+    guide = jc.pinned([0]) + jc.restrained([1], "yz")
+    cable, bar = (
+        jc.Structure(nodes, kind([[0, 1]], axial_stiffness=np.float32(STIFFNESS)), supports=guide)
+        for kind in (jc.Cables, jc.Bars)
+    )
+    pull = jc.NodalLoads([1], np.array([PULL, 0, 0], np.float32))
+    step = np.float32(PERIOD / 2000)
+    moved = converged(transient(cable, pull, dt=step, steps=600, masses=np.float32(MASS)))
+    assert moved.displacement.dtype == moved.energy.work.dtype == np.float32
+    exact = PULL / STIFFNESS * (1 - np.cos(FREQUENCY * float(step) * np.arange(601)))
+    assert_allclose(moved.displacement[:, 1, 0], exact, rtol=0, atol=1e-4 * exact.max())
+    # from where nothing is displaced, and without load
+    thrown = {
+        "velocity": np.array([[0, 0, 0], [0.1, 0, 0]], np.float32),
+        "masses": np.float32(MASS),
+    }
+    moved = converged(transient(bar, dt=np.float32(PERIOD / 100), steps=50, **thrown))
+    assert_allclose(moved.displacement[25, 1, 0], 0.1 / FREQUENCY, rtol=1e-3)
+
+
 @pytest.mark.parametrize("kind", ["ground", "between", "mass", "stiffness", "modal"])
 def test_damping_has_the_overshoot_of_its_ratio(kind):
     ratio = 0.1
@@ -235,6 +258,22 @@ def test_the_part_of_a_chain_that_breaks_off_falls_freely():
     assert_allclose(center, thrown, rtol=0, atol=1e-8)
 
 
+def test_a_removal_leaves_the_damping_of_what_stays():
+    """Of two bobs that swing apart, each by stiffness as it was at the start of the motion."""
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [5.0, 0, 0], [6.0, 0, 0], [5.5, 0, -1.0]]
+    ropes = jc.Cables([[0, 1], [2, 3], [3, 4]], axial_stiffness=1e3)
+    structure = jc.Structure(nodes, ropes, supports=jc.pinned([0, 2, 4]))
+    masses = np.array([0.0, 1.0, 0.0, 1.0, 0.0])
+    weight, damping = jc.PointMasses(range(5), masses), Rayleigh(stiffness=0.02)
+    times = {"dt": 0.02, "steps": 20, "masses": masses, "damping": damping}
+    early, late = (
+        converged(transient(structure, weight, **times, removes=Removal(jc.only([2]), time=time)))
+        for time in (0.1, 0.38)
+    )
+    difference = np.abs(np.asarray(early.displacement - late.displacement)).max(axis=(0, 2))
+    assert difference[1] < 1e-9 and difference[3] > 1e-2  # steps solve to 1e-10 of all forces
+
+
 @pytest.mark.slow
 def test_a_cable_that_is_slack_at_the_end_has_a_dynamic_factor():
     """And one whose group has no tensions beside it, as with the springs, does no harm."""
@@ -390,6 +429,20 @@ def test_motions_of_any_length_share_programs():
     (block,) = programs[0].known.values()
     (derived,) = block.known.programs.values()
     assert len(derived.linear.known.programs) == 1
+
+
+@pytest.mark.compiled
+def test_another_length_compiles_nothing():
+    compiled = []
+
+    def hear(event, *_, **__):
+        compiled.extend([event] if "backend_compile" in event else [])
+
+    one_mass(steps=3, loads=np.zeros((4, 2, 3)))
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    one_mass(steps=4, loads=np.zeros((5, 2, 3)))
+    jax.monitoring.unregister_event_duration_listener(hear)
+    assert not compiled
 
 
 # --- failures, and what is refused

@@ -246,7 +246,7 @@ def test_what_does_not_depend_on_an_argument_is_not_differentiated_or_mapped():
     def value(x):
         return second(*first(x, np.arange(3.0), 1))
 
-    assert float(jax.grad(value)(1.0)) == 6.0
+    assert float(jax.grad(value)(np.float64(1.0))) == 6.0
     np.testing.assert_allclose(jax.vmap(value)(jnp.arange(2.0)), [0.0, 6.0])
     kinds = [key[:2] for key in next(iter(second.known.values())).known.programs]
     assert kinds == [("jvp", (0,)), ("vmap", (0, 0, None))]
@@ -375,6 +375,24 @@ def test_linear_parts_of_programs_within_programs(way, derive):
     np.testing.assert_allclose(found, derive(lambda x: 2.0 * x, lin, pull), rtol=1e-14)
 
 
+def test_known_results_have_derivatives_in_and_of_batches():
+    def plain(x, a):
+        return (a * x**3).sum()
+
+    program, both = as_program(plain), np.stack([X, 2.0 * X])
+
+    def number(x, a):
+        return program(x, a, value=lax.stop_gradient(plain(x, a)))
+
+    for derive in (
+        lambda f: jax.grad(f, (0, 1))(X, A),
+        lambda f: jax.vmap(jax.grad(f), (0, None))(both, A),
+        lambda f: jax.grad(lambda x, a: jax.vmap(f, (0, None))(x, a).sum(), (0, 1))(both, A),
+    ):
+        for own, other in zip(derive(number), derive(plain), strict=True):
+            np.testing.assert_allclose(own, other, rtol=1e-13)
+
+
 @pytest.mark.parametrize("way", ["numpy", "xla", "auto"])
 def test_a_batch_without_cases_has_shapes(way):
     with jc.evaluation(way):
@@ -398,6 +416,7 @@ def test_numbers_of_python_yield_to_the_dtype_of_arrays(way):
             jax.grad(lambda x: run(x, 2.0).sum())(x),
         ]
         assert [y.dtype for y in found] == [np.float32] * len(found)
+        assert (run(2.0, 3.0) * x).dtype == np.float32
         pull = jax.vjp(lambda x, n: run(x, n), x, 2)[1]  # jax has a type of its own for such a 2
         np.testing.assert_array_equal(pull(x)[0], 2 * x)
 
@@ -408,6 +427,30 @@ def test_a_program_does_not_keep_all_of_its_batches():
         np.testing.assert_array_equal(jax.vmap(run)(np.ones((n, 2))), 2.0 * np.ones((n, 2)))
     (program,) = run.known.values()
     assert len(program.known.programs) == known.MOST_PROGRAMS
+
+
+def test_programs_depend_on_the_generator_of_random_keys():
+    run = as_program(lambda x: jax.random.key_data(jax.random.key(5)) + x)
+    for name, size in (("threefry2x32", 2), ("rbg", 4)):
+        with jax.default_prng_impl(name):
+            assert run(np.uint32(0)).shape == (size,)
+
+
+def test_programs_are_forgotten_while_threads_make_others(monkeypatch):
+    made = [known.KnownPrograms()]
+
+    class Every(weakref.WeakSet):
+        def __iter__(self):
+            for one in super().__iter__():
+                thread = threading.Thread(target=lambda: made.append(known.KnownPrograms()))
+                thread.start()
+                thread.join(0.1)
+                yield one
+
+    made[0].find("key", object)
+    monkeypatch.setattr(known.KnownPrograms, "every", Every(made))
+    known._forget()
+    assert not made[0].programs
 
 
 def test_what_was_heard_is_not_heard_again(compilations):

@@ -133,6 +133,7 @@ INTEGER = {
     "not": lambda a, b: (lax.bitwise_not(a), lax.bitwise_not(b > 0), (a > 0) & (b > 0)),
     "abs": lambda a, b: (lax.abs(a), lax.sign(b), a.astype(jnp.float64), a**3),
     "choose": lambda a, b: lax.select_n(jnp.abs(a) % 3, a, b, a + b),
+    "choose the only one": lambda a, b: (lax.select_n(a, b), lax.select_n(a.ravel()[0], b)),
 }
 
 
@@ -422,6 +423,10 @@ def _nested(depth):
         (lambda key: jax.random.key_data(key), jax.random.key(0)),
         (lambda x: (x * 1j).real, np.ones(2)),
         (jnp.conj, np.ones(2, complex)),
+        (lambda x: lax.erf(x) * 2, np.ones(2, np.float16)),
+        (lambda x: x.sum(), jnp.ones(2, jnp.bfloat16)),
+        (lambda x: jnp.dot(x, x, preferred_element_type=jnp.bfloat16), np.ones(2, np.float32)),
+        (lambda x: x.at[np.array([0, 1])].apply(jnp.sin), np.ones(3)),
         (
             jax.vmap(lambda k: lax.switch(k, [lambda j=j: 1.0 * j for j in range(65)])),
             np.arange(3),
@@ -440,10 +445,16 @@ def test_as_many_loops_as_python_allows():
 def test_arrays_are_nobody_elses():
     """jax may keep the memory of results: they are no views of arguments or constants."""
     x, own = np.arange(6.0).reshape(2, 3), np.arange(3.0)
-    program = jax.make_jaxpr(lambda x: (x, x.T, own + 0 * x[0], jnp.asarray(own)))(x)
-    for found in write_program(program)([x], [0.0, np.inf]):
+
+    def function(x):
+        known = lax.cond(x[0, 0] < 1, lambda: jnp.sqrt(jnp.arange(3.0)), lambda: x[0])
+        return x, x.T, own + 0 * x[0], jnp.asarray(own), own, known, jnp.zeros(3)
+
+    run = write_program(jax.make_jaxpr(function)(x))
+    results = [run([x], [0.0, np.inf]) for _ in range(2)]
+    for found, again in zip(*results, strict=True):
         assert found.base is None and not np.shares_memory(found, x)
-        assert not np.shares_memory(found, own)
+        assert not np.shares_memory(found, own) and not np.shares_memory(found, again)
 
 
 def test_every_rule_has_been_compared():

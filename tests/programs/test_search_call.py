@@ -98,6 +98,14 @@ def test_a_search_whose_program_has_a_search(way):
         np.testing.assert_allclose(run(np.float64(8.0)), 8.0 ** (1 / 9), atol=3e-12)
 
 
+@pytest.mark.parametrize("way", ["numpy", "xla"])
+def test_searches_of_no_cases(way):
+    with jc.evaluation(way):
+        for found in (jax.vmap(search)(VALUES[:0]), as_program(jax.vmap(search))(VALUES[:0])):
+            check(found, VALUES[:0])
+            assert found["root"].shape == found["count"].shape == (0,)
+
+
 def test_a_search_has_no_derivative():
     for differentiate in (jax.grad, jax.jacfwd, lambda f: jax.grad(jax.jit(f))):
         with pytest.raises(ValueError, match="has no derivative"):
