@@ -713,6 +713,7 @@ OTHERWISE = {
     "dynamics/damping.py:warn_of_large_damping_ratios": "no rule: a warning",
     "dynamics/mode_warnings.py:warn_of_freed_supports": "no rule: a warning",
     "dynamics/motion_checks.py:warn_of_nodes_without_elements": "no rule: a warning",
+    "dynamics/time_loads.py:times_of_steps": "no rule: times of traced durations, too",
     "dynamics/inertia.py:nodal_masses": "no rule: which library computes",
     "dynamics/damping.py:from_ratios": "traced: equal frequencies give factors that are not finite",
     "dynamics/load_histories.py:nodes_with_mean_force": "traced mean forces are refused",
