@@ -67,9 +67,18 @@ def test_displacements_show_the_case_that_governs(solved):
     figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "displacement", units="kN, m")
     sizes = np.linalg.norm(solutions.displacement, axis=2)
     case, node = np.unravel_index(sizes.argmax(), sizes.shape)
-    text = f"largest displacement: {1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
-    assert legend(figure)[:2] == [text, "all 2 cases"]
+    text = f"{1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
+    text = f"largest displacement from the initial geometry: {text}"
+    assert [line.replace("\n", " ") for line in legend(figure)[:2]] == [text, "all 2 cases"]
     nothing_is_cut_off(figure)
+    begun = jc.solve(STRUCTURE, START)
+    figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "displacement", since=begun)
+    sizes = np.linalg.norm(np.asarray(solutions.positions) - np.asarray(begun.positions), axis=2)
+    case, node = np.unravel_index(sizes.argmax(), sizes.shape)
+    text = f"{1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
+    text = f"largest displacement from the reference state: {text}"
+    shown = [line.replace("\n", " ") for line in legend(figure)[:3]]
+    assert shown == [text, "all 2 cases", "reference state"]
     figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "tension")
     most = max(float(np.max(x)) for x in jax.tree.leaves(envelope.high["tension"]))
     assert legend(figure)[0].startswith(f"largest tension: {most:.4g} N, ")
@@ -177,6 +186,7 @@ def test_what_cannot_be_drawn_is_refused(solved):
         (envelope, {"of": "reactions"}, "of = 'reactions': has no number for each element"),
         (envelope, {"high": 0}, "high = 0: must be positive"),
         (envelope, {"view": "side"}, "view = 'side'"),
+        (envelope, {"since": one}, 'since: is for of = "displacement", not for'),
         (solutions, {}, "envelope: expected a ResultEnvelope"),
         (envelope, {"of": "displacement", "solutions": one}, "must be the batch of the 2 cases"),
     ):
@@ -191,6 +201,10 @@ def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
     pictures = jc.plots.for_report(STRUCTURE, begin, cases=solutions, names=NAMES)
     shown = "".join(pictures)
     assert "breaking force in snow" in shown and "Envelope of My" in shown and "of T" not in shown
+    options = {"names": NAMES, "phase_names": ["erected"], "since": "erected"}
+    since = jc.plots.for_report(STRUCTURE, begin, cases=solutions, **options)
+    figure = since["Displacements in all cases, since the end of phase 1, erected"]
+    assert "reference state" in legend(figure)
     report = jc.report(STRUCTURE, begin, cases=solutions, names=NAMES)
     (path,) = report.save(tmp_path / "r.html", pictures=pictures)
     assert path.read_text().count("<figure>") == len(pictures) >= 5

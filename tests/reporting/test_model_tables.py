@@ -122,6 +122,27 @@ def test_cases_move_since_a_phase_before_them(solution):
     assert len(table.rows) > 0
 
 
+def test_cases_move_since_the_end_of_the_phases_before_them(solution):
+    """By "last phase", or by the only phase; the first one of two is counted from its beginning."""
+    push = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0)))
+    one = jc.solve(BRIDGE, PHASES["stays"])
+    for begun, phases, since, before, title in (
+        (solution, PHASES, "last phase", solution.displacement, "the end of phase 2, bearing"),
+        (solution, PHASES, "stays", 0.0, "the beginning of phase 1, stays"),
+        (one, {"stays": PHASES["stays"]}, 0, one.displacement, "the end of phase 1, stays"),
+    ):
+        cases = jc.design.solve_cases(BRIDGE, None, [push], start=begun)
+        assert np.asarray(cases.status).tolist() == [0]
+        found = jc.report(BRIDGE, begun, phases, cases=cases, since=since)
+        table = found.tables["displacements_since"]
+        assert table.title == f"Displacements since {title}, by case"
+        moved = np.asarray(cases.displacement[0] - before)
+        shown = [row[table.columns.index("uz")] for row in table.rows]
+        nodes = [row[0] for row in table.rows]
+        np.testing.assert_allclose(shown, moved[nodes, 2], rtol=1e-9, atol=1e-12)
+        assert len(nodes) > 0
+
+
 def test_stages_have_their_forces_and_reactions():
     """Of three phases, by their solutions: forces of active elements, reactions and their sum."""
     third = jc.Phase(adds={"strut": [True]}, loads=jc.NodalLoads([2], (0.0, 0.0, -300.0)))
