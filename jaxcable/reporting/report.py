@@ -206,7 +206,7 @@ def report(
     if motion is not None:
         tables |= motion_tables(structure, motion)
     if model:
-        tables = {**model_tables(structure, listed, labels, shown), **tables}
+        tables = {**model_tables(structure, listed, labels, shown, of.state), **tables}
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
@@ -242,7 +242,7 @@ def _make_tables(of, chains):
     if of.cases is None:
         return tables
     cases = f"over {len(of.cases)} case" + "s" * (len(of.cases) != 1)
-    final = "final state of the phases, before the cases, without their loads and factors"
+    final = "state at the end of the phases, without loads and factors of the cases"
     notes = {
         **dict.fromkeys(_FINAL, f"of the {final}"),
         **dict.fromkeys(_ENVELOPES, f"envelope {cases}"),

@@ -57,7 +57,7 @@ def test_all_combinations_are_in_the_report(folder, capsys):
         assert f"largest displacement over the combinations from the {name}: {text}" in told
     text = (folder / "rope.json.txt").read_text()
     assert "NodalLoads on 1 node, sum (0, 0, -1) kN" in text and "1.35 self-weight" in text
-    assert "envelope over 10 cases" in text and "without their loads and factors" in text
+    assert "envelope over 10 cases" in text and "without loads and factors of the" in text
     assert command("solve rope.json --since 2") == 2
     assert "--since: '2' is no phase; give 1 to 1" in capsys.readouterr().err
     words = words.replace("--report", '--since "last phase" --report')
