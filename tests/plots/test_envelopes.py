@@ -8,6 +8,9 @@ from matplotlib.collections import LineCollection
 import jaxcable as jc
 from jaxcable.common.status import NOT_CONVERGED, OK
 from jaxcable.common.tree import copy_with
+from jaxcable.plots.ordinates import write_largest_values
+from jaxcable.plots.style import new_figure
+from jaxcable.plots.views import choose_view
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 NODES = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0], [2.0, 0.0, 2.0]]
@@ -208,3 +211,16 @@ def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
     report = jc.report(STRUCTURE, begin, cases=solutions, names=NAMES)
     (path,) = report.save(tmp_path / "r.html", pictures=pictures)
     assert path.read_text().count("<figure>") == len(pictures) >= 5
+
+
+def test_values_of_repeated_bays_are_written_twice_at_most():
+    """Of six equal bays the largest value is written at two that are far apart."""
+    base = np.array([[[2.0 * k + x, 0.0, 0.0] for x in (0.0, 1.0, 2.0)] for k in range(6)])
+    values = np.array([0.0, 5.0, 0.0]) * (1.0 + 1e-12 * np.arange(6.0))[::-1, None]
+    tips = base - 0.2 * values[..., None] * np.array([0.0, 0.0, 1.0])
+    view = choose_view(base.reshape(-1, 3))
+    axes = new_figure(6.0, 2.0).add_subplot(xlim=(0, 12), ylim=(-1.2, 0.2))
+    write_largest_values(axes, view, (base, tips), values, 1.0, (0.5, 9, 0.0))
+    assert [text.get_text() for text in axes.texts] == ["5", "5"]
+    first, second = (text.get_position()[0] for text in axes.texts)
+    assert first == 1.0 and second - first >= 4 * 0.5
