@@ -32,6 +32,7 @@ from .ordinates import (
     keep_texts_inside,
     positive_side_directions,
     side_directions_in_picture,
+    side_legend,
     write_largest_values,
 )
 from .style import GHOST, INK, SERIES, display_unit, finish_figure, format_value
@@ -271,6 +272,7 @@ def _draw_section_force(stage, envelope, of, high):
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
+    handles += side_legend(of)
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
     ordinates, limits = (np.tile(base, (2, 1, 1)), every[0]), (_APART * stage.extent, _LABELS, 0.0)
     write_largest_values(axes, stage.view, ordinates, np.nan_to_num(every[1]), factor, limits)

@@ -6,18 +6,31 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Float, Int
 from .style import INK, format_value
 from .views import View
 
+_SIDES = {
+    "My": "drawn on the side in tension; negative: tension at -z (sagging)",
+    "Mz": "drawn on the side in tension; negative: tension at y",
+}
 _INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
 _UPRIGHT = 2.0  # height over width of all beams from which on they are seen in an elevation
 _REPEATED = 2  # times that one text is written
 _FARTHER = 4.0  # distance of equal texts over that of others
 _EQUAL = 6  # decimals up to which values are compared
 _LEAST = 0.05  # of the largest value: less is not written
+
+
+def side_legend(of: str) -> list[Line2D]:
+    """Return the legend entry on the side to which bending moments are drawn; [] for others.
+
+    `of` is the name of the section force.
+    """
+    return [Line2D([], [], linestyle="", label=_SIDES[of])] if of in _SIDES else []
 
 
 def write_largest_values(
