@@ -181,11 +181,10 @@ def _thin_out_heights(axes):
     (x, _), (y, _), (low, high) = axes.get_xlim(), axes.get_ylim(), axes.get_zlim()
     ends = proj3d.proj_transform([x, x], [y, y], [low, high], axes.get_proj())[:2]
     length = abs(np.ptp(axes.transData.transform(np.transpose(ends))[:, 1])) * 72 / axes.figure.dpi
-    for count in (3, 2, 1):
-        marks = [mark for mark in axes.get_zticks() if low <= mark <= high]
-        if len(marks) < 2 or length * (marks[1] - marks[0]) >= _APART * SIZE * (high - low):
-            return
-        axes.zaxis.set_major_locator(MaxNLocator(count, min_n_ticks=1))
+    marks = [mark for mark in axes.get_zticks() if low <= mark <= high]
+    while len(marks) > 1 and length * (marks[1] - marks[0]) < _APART * SIZE * (high - low):
+        marks = marks[::2] if len(marks) > 2 else [min(marks, key=abs)]
+        axes.set_zticks(marks)
 
 
 def _tile_axes(views, columns, room):

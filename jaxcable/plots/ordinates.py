@@ -14,8 +14,8 @@ from .style import INK, format_value
 from .views import View
 
 _SIDES = {
-    "My": "drawn on the side in tension; negative: tension at -z (sagging)",
-    "Mz": "drawn on the side in tension; negative: tension at y",
+    "My": "drawn on the side in tension; negative: at -z (level beams: sagging)",
+    "Mz": "drawn on the side in tension; negative: at y",
 }
 _INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
 _UPRIGHT = 2.0  # height over width of all beams from which on they are seen in an elevation

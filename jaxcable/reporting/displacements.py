@@ -9,6 +9,7 @@ import numpy as np
 from ..common import status
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
+from ..common.units import Units
 from ..elements import Bars
 from ..model.result_parts import active_nodes
 from ..results import element_tilts, rotation_vectors
@@ -66,6 +67,20 @@ def displacement_tables_since(
     found = _displacement_tables(of, states, geometry, f"since {where}", note)
     names = "displacements_since", "displacement_since_envelope"
     return dict(zip(names, found.values(), strict=False))
+
+
+def largest_displacement_sentence(tables: Mapping[str, Table], where: str, units: Units) -> str:
+    """Return the sentence on the largest displacement in tables of `displacement_tables_since`.
+
+    `where` is from where they count, and `units` are those of the sentence.
+    """
+    table = tables.get("displacements_since")
+    if table is None:
+        return f"no displacements since {where}"
+    size = table.columns.index("u")
+    row = max(table.rows, key=lambda row: row[size] or 0.0)
+    text = units.text(row[size], "m", ".4g")
+    return f"largest displacement since {where}: {text}, node {row[0]}, {row[1]}"
 
 
 def _displacement_tables(

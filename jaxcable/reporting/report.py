@@ -26,6 +26,7 @@ from .displacements import (
     displacement_tables,
     displacement_tables_since,
     large_displacement_sentence,
+    largest_displacement_sentence,
     rotation_tables,
     tilt_tables,
 )
@@ -195,7 +196,9 @@ def report(
     if since is not None:
         begin = reference_phase(since, labels, solution, cases)
         after = cases is not None and begin_at_end(cases, solution)
-        more = displacement_tables_since(of, begin, reference_words(begin, heads), after)
+        where = reference_words(begin, heads)
+        more = displacement_tables_since(of, begin, where, after)
+        summary.append(largest_displacement_sentence(more, where, of.units))
         tables = _insert_after("displacements", tables, more)
     if checks is not None:
         summary, tables = _add_checks(summary, tables, checks)

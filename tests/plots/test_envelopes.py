@@ -55,7 +55,7 @@ def test_moments_are_drawn_to_scale_and_named(solved, units, factor, unit, tmp_p
     case = np.unravel_index(moments.argmin(), moments.shape)[1]
     assert f"smallest My: {least} {unit}, {NAMES[case]}" in legend(figure)
     assert "pinned" in legend(figure)
-    assert any("tension at -z" in line for line in legend(figure))
+    assert any("negative: at -z" in line for line in legend(figure))
     (axes,) = figure.axes
     assert axes.get_aspect() == 1.0
     assert float(least) in {float(text.get_text()) for text in axes.texts}
