@@ -77,10 +77,12 @@ def largest_displacement_sentence(tables: Mapping[str, Table], where: str, units
     table = tables.get("displacements_since")
     if table is None:
         return f"no displacements since {where}"
-    size = table.columns.index("u")
-    row = max(table.rows, key=lambda row: row[size] or 0.0)
-    text = units.text(row[size], "m", ".4g")
-    return f"largest displacement since {where}: {text}, node {row[0]}, {row[1]}"
+    column = table.columns.index("u")
+    sizes = [float(row[column] or 0.0) for row in table.rows]
+    largest = max(sizes)
+    node, state = table.rows[sizes.index(largest)][:2]
+    text = units.text(largest, "m", ".4g")
+    return f"largest displacement since {where}: {text}, node {node}, {state}"
 
 
 def _displacement_tables(
