@@ -131,23 +131,32 @@ def make_checks(
 
 
 def describe_largest_values_of_cases(
-    structure: Structure, solutions: Solution, found: Combinations, units: Units | None
+    structure: Structure,
+    solutions: Solution,
+    found: Combinations,
+    units: Units | None,
+    begin: Solution,
 ) -> list[str]:
-    """Return lines on the largest displacement and the axial forces over all converged cases.
+    """Return lines on the largest displacements and the axial forces over all converged cases.
 
-    Numbers are in `units`, None for SI.
+    Displacements are from the start, and from the end of the phases, `begin`. Numbers are in
+    `units`, None for SI.
     """
     good = np.flatnonzero(np.asarray(solutions.status) == status.OK)
     if not len(good):
         return []
-    largest = {}
-    for k in good:
-        present = jax.tree.map(operator.itemgetter(k), solutions.present)
-        moved = solutions.displacement[k]
-        largest[k] = inputs.largest_displacement(structure, moved, present, units)
-    case = max(largest, key=lambda k: largest[k][0])
-    where = largest[case][1]
-    lines = [f"largest displacement over the combinations: {where} in {found.names[case]}"]
+    lines = []
+    for name, moved in (
+        ("from the start", solutions.displacement),
+        ("from the end of the phases", solutions.displacement - begin.displacement[None]),
+    ):
+        largest = {}
+        for k in good:
+            present = jax.tree.map(operator.itemgetter(k), solutions.present)
+            largest[k] = inputs.largest_displacement(structure, moved[k], present, units)
+        case = max(largest, key=lambda k: largest[k][0])
+        where = f"{largest[case][1]} in {found.names[case]}"
+        lines.append(f"largest displacement over the combinations {name}: {where}")
     forces = [np.asarray(x)[good] for x in jax.tree.leaves(solutions.peak_tension)]
     if forces:
         text = range_text(forces, "N", units)

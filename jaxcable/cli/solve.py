@@ -18,6 +18,7 @@ from ..model.structure import Structure
 from ..reporting import report
 from ..reporting.load_descriptions import range_text
 from ..reporting.result_report import require_writer
+from ..results.reference_phase import LAST_PHASE
 from . import file_names, inputs, outputs
 from .combining import (
     combine_actions,
@@ -26,7 +27,14 @@ from .combining import (
     report_failed_combinations,
     solve_combinations,
 )
-from .guard import FAILED, NOT_PASSED, print_message, refuse_value_errors, require_writable
+from .guard import (
+    FAILED,
+    NOT_PASSED,
+    BadInput,
+    print_message,
+    refuse_value_errors,
+    require_writable,
+)
 from .solving import solve_scene
 
 _STAGED = "energy check not available with construction stages (adds, removes)"
@@ -51,6 +59,7 @@ def run(options: Namespace) -> int | None:
     require_writable(options.plot, *files, inputs=[options.scene])
     scene = inputs.read_scene(options)
     units, (structure, phases) = inputs.shown_units(options, scene), scene
+    since = _phase_since(options, scene)
     combinations = combine_actions(options, scene)
     method = _choose_method(options)
     with refuse_value_errors(options.scene):
@@ -73,6 +82,7 @@ def run(options: Namespace) -> int | None:
             phases if names is None else dict(zip(names, phases, strict=True)),
             energy=energy,
             units=units,
+            since=since,
             model=bool(report_paths),  # for the screen there is `info`
             checks=checks,
             cases=cases,
@@ -85,13 +95,13 @@ def run(options: Namespace) -> int | None:
         notes.append(f"NOT CHECKED, because {why}")
     findings = replace(findings, summary=(*findings.summary, *notes))
     # before anything is printed, because the reader of a pipe may end
-    wrote = _write_files(options, scene, solution, findings, cases, combinations)
+    wrote = _write_files(options, scene, solution, findings, cases, combinations, since)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if "-" in options.report else "\n".join(findings.summary))
     largest = [] if checks is None else str(checks).splitlines()
     largest += describe_largest_values(structure, solution, units)
     if combinations is not None and cases is not None:
-        largest += describe_largest_values_of_cases(structure, cases, combinations, units)
+        largest += describe_largest_values_of_cases(structure, cases, combinations, units, solution)
     print("\n".join([*largest, *(f"wrote {path}" for path in wrote)]))
     if (
         combinations is not None
@@ -106,11 +116,11 @@ def run(options: Namespace) -> int | None:
     return outputs.report_failure(options, solution)
 
 
-def _write_files(options, scene, solution, findings, cases, combinations):
+def _write_files(options, scene, solution, findings, cases, combinations, since):
     """Write report, results and picture to the files that options name; return their paths.
 
     `scene` is the `Scene`, `findings` the `Report`; `cases` and `combinations` are None without
-    combinations.
+    combinations; `since` is that of `report`.
     """
     wrote = []
     for path in options.report:
@@ -118,7 +128,9 @@ def _write_files(options, scene, solution, findings, cases, combinations):
             continue
         wrote += findings.save(
             path,
-            pictures=_pictures_for_report(path, scene, solution, findings, cases, combinations),
+            pictures=_pictures_for_report(
+                path, scene, solution, findings, cases, combinations, since
+            ),
             title=options.title or Path(options.scene).stem,
             author=options.author,
             date=options.date,
@@ -138,11 +150,11 @@ def _write_files(options, scene, solution, findings, cases, combinations):
     return wrote
 
 
-def _pictures_for_report(path, scene, solution, findings, cases, combinations):
+def _pictures_for_report(path, scene, solution, findings, cases, combinations, since):
     """Return the pictures of a report by their captions; None for formats without pictures.
 
     `path` is that of the report, `scene` the `Scene`, `findings` the `Report`; `cases` and
-    `combinations` may be None.
+    `combinations` may be None; `since` is that of `report`.
     """
     if not path.lower().endswith((".pdf", *outputs.PAGES)):
         return None
@@ -150,7 +162,22 @@ def _pictures_for_report(path, scene, solution, findings, cases, combinations):
 
     names = None if combinations is None else combinations.names
     known = {"names": names, "phase_names": scene.phase_names, "units": findings.units}
-    return plots.for_report(scene.structure, solution, cases=cases, **known)
+    return plots.for_report(scene.structure, solution, cases=cases, since=since, **known)
+
+
+def _phase_since(options, scene):
+    """Return the option --since as `report` takes it: an index from 0, a name, or None.
+
+    Raise BadInput if the `scene` has no such phase.
+    """
+    since, names = options.since, [*(scene.phase_names or ()), LAST_PHASE]
+    if since is None or since in names:
+        return since
+    count = len(scene.phases)
+    if not since.isdecimal() or not 1 <= int(since) <= count:
+        named = ", ".join(map(repr, names))
+        raise BadInput(f"--since: {since!r} is no phase; give 1 to {count}, or one of {named}")
+    return int(since) - 1
 
 
 def _choose_method(options):

@@ -29,6 +29,7 @@ from .ordinates import (
     keep_texts_inside,
     positive_side_directions,
     side_directions_in_picture,
+    side_legend,
     view_of_ordinates,
     write_largest_values,
 )
@@ -194,11 +195,12 @@ class ForceDiagrams:
     def legend_entries(self) -> list[Any]:
         """Return legend entries for the colors of positive and of negative values that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
-        return [
+        found: list[Any] = [
             Patch(color=_COLORS[name], alpha=0.6, label=f"{self.component} {name} ({self.unit})")
             for name, sign in signed
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
+        return found + (side_legend(self.component) if found else [])
 
 
 class _BeamForces:

@@ -328,3 +328,31 @@ def _motion_after_phase(last, structure, end):
     # from the initial nodes, which an earlier analysis may have left
     moved = np.asarray(end.positions) - np.asarray(structure.nodes)
     return np.concatenate([moved, np.asarray(last.restart.motion)[len(moved) :]])
+
+
+def curves_from_reference(
+    structure: Structure,
+    solutions: Solution | None,
+    number: int,
+    factor: float,
+    since: Solution | State | None,
+) -> tuple[Curves | None, Curves | None]:
+    """Return the `Curves` of a case, magnified from those of a reference state, and the latter.
+
+    Args:
+        structure: `Structure`.
+        solutions: `Solution` of all cases, [n_case]; without it there are no curves.
+        number: index of the case.
+        factor: factor on the differences from the reference state.
+        since: the reference state; None for the initial geometry, whose curves are None, too.
+    """
+    if solutions is None:
+        return None, None
+    case = jax.tree.map(lambda x: np.asarray(x)[number], solutions)
+    shapes = SolutionCurves(case, structure)
+    curves, origin = shapes.at_state(case.last), None
+    if curves is not None and since is not None:
+        origin = shapes.at_state(since.last if isinstance(since, Solution) else since)
+    if curves is not None:
+        curves = curves.magnified(origin or curves.in_initial_geometry(), factor)
+    return curves, origin

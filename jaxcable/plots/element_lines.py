@@ -234,9 +234,8 @@ def line_legend(
         found.append(Line2D([], [], color=SLACK, linewidth=1.6, linestyle=DASHES, label=label))
     if any(f.compressed.any() for f in forces):
         cased = [Stroke(linewidth=4.4, foreground="black"), Normal()]
-        middle = color_map()(0.5)
-        label = "compression"
-        found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
+        look: Any = {"color": "white", "linewidth": 2.0}  # inside is the color of the force
+        found.append(Line2D([], [], path_effects=cased, label="compression", **look))
     if any((np.isnan(f.value) & np.isfinite(f.tension) & f.present).any() for f in forces):
         what = (
             "no breaking force given" if forces[0].color == "utilization" else "without this result"

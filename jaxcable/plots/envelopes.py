@@ -6,13 +6,12 @@ import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..analysis.solution import Solution
+from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.negligible import zero_negligible
 from ..common.units import SI, UnitsLike, as_units
@@ -23,7 +22,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .diagrams import MOMENTS
-from .element_curves import SolutionCurves, points_on_chords
+from .element_curves import curves_from_reference, points_on_chords
 from .element_forces import ColoredValues, concatenate_values, values_by_group
 from .element_lines import ColorScale, line_width
 from .layout import arrange_pictures, finish_layout
@@ -33,6 +32,7 @@ from .ordinates import (
     keep_texts_inside,
     positive_side_directions,
     side_directions_in_picture,
+    side_legend,
     write_largest_values,
 )
 from .style import GHOST, INK, SERIES, display_unit, finish_figure, format_value
@@ -59,9 +59,10 @@ def envelope_diagram(
     supports: bool = True,
     heights: float | None = 1.0,
     solutions: Solution | None = None,
+    since: Solution | State | None = None,
     units: UnitsLike | None = None,
 ) -> Figure:
-    """Draw the envelope of a result over load cases on the structure, as it is in the input.
+    """Draw the envelope of a result over load cases on the structure, in its initial geometry.
 
     The legend names the cases that govern. Elements that are inactive in all cases are left out.
 
@@ -87,6 +88,8 @@ def envelope_diagram(
         heights: factor on heights in elevations, as of `net`; 1 of section forces.
         solutions: the batch of which this is the envelope, with which displaced beams are bent and
             catenaries hang, as in `net`.
+        since: `Solution` or `State` from which displacements count, and whose geometry is drawn,
+            such as the prestressed state; default: the initial geometry.
         units: units of coordinates and values, as of `net`.
 
     Returns:
@@ -95,7 +98,7 @@ def envelope_diagram(
     Raises:
         ValueError: another envelope, an unknown result, or one that cannot be drawn like this; no
             converged case; another number of solutions than of cases; a size that is not positive;
-            unknown units.
+            a `since` that has failed, or for another result than "displacement"; unknown units.
 
     A beam of 4 m under either of two loads in the middle:
 
@@ -127,11 +130,13 @@ def envelope_diagram(
         raise ValueError(f"solutions: must be the batch of the {len(envelope.names)} cases")
     of_beams = of in SECTION_FORCES.components
     active = _is_element_active(structure, envelope).any(axis=0)
-    stage = UndeformedStructure(structure, view, stated, 1.0 if of_beams else heights, active)
+    moved = _reference_displacement(since, of)
+    heights = 1.0 if of_beams else heights
+    stage = UndeformedStructure(structure, view, stated, heights, active, moved)
     if of_beams:
         figure, handles, slots, bar = _draw_section_force(stage, envelope, of, high)
     elif of == "displacement":
-        figure, handles, slots, bar = _draw_displacements(stage, envelope, solutions)
+        figure, handles, slots, bar = _draw_displacements(stage, envelope, solutions, since)
     else:
         figure, handles, slots, bar = _draw_element_values(stage, envelope, of)
     if supports:
@@ -142,6 +147,20 @@ def envelope_diagram(
     for axes in figure.axes[: len(slots)]:
         keep_texts_inside(axes)
     return finish_figure(figure, path)
+
+
+def _reference_displacement(since, of):
+    """Return the displacement of the reference state `since`, [n_node, 3], m; 0 if it is None.
+
+    Raise ValueError if the state has failed, or if `of` is no displacement.
+    """
+    if since is None:
+        return 0.0
+    if of != "displacement":
+        raise ValueError(f'since: is for of = "displacement", not for {of!r}')
+    if not isinstance(since, Solution | State) or not np.isfinite(since.displacement).all():
+        raise ValueError("since: expected a Solution, or a State, that has converged")
+    return np.asarray(since.displacement, float)
 
 
 class _GoverningValue(NamedTuple):
@@ -253,6 +272,7 @@ def _draw_section_force(stage, envelope, of, high):
         extreme = extremes[side]
         text = f"{word} {of}: {format_value(factor * extreme.value)} {unit}, {extreme.case}"
         handles.append(Patch(color=color, alpha=0.6, label=text))
+    handles += side_legend(of)
     every = [np.concatenate([own[side] for side in _SIDES]) for own in (tips, values)]
     ordinates, limits = (np.tile(base, (2, 1, 1)), every[0]), (_APART * stage.extent, _LABELS, 0.0)
     write_largest_values(axes, stage.view, ordinates, np.nan_to_num(every[1]), factor, limits)
@@ -277,23 +297,26 @@ def _beam_ends_and_axes(structure, nodes):
     return np.concatenate(ends), np.concatenate(axes)
 
 
-def _draw_displacements(stage, envelope, solutions):
+def _draw_displacements(stage, envelope, solutions, since):
     """Draw the structure in the case that moves a node most, and thin in all others.
 
-    With the batch `solutions`, not None, beams and catenaries are curves.
+    With the batch `solutions`, not None, beams and catenaries are curves. `since` is the `Solution`
+    or `State` from which displacements count, or None.
 
     Returns:
         The figure, legend entries, slots of `arrange_pictures`, and the color bar of
         `finish_layout`.
     """
     moved = np.asarray(envelope.values["displacement"], float)
+    moved = moved - _reference_displacement(since, "displacement")
     sizes = np.linalg.norm(moved, axis=2)
     case, node = np.unravel_index(np.nanargmax(sizes), sizes.shape)
     stage.turn_view(stage.nodes[_beam_ends_and_axes(stage.structure, stage.nodes)[0]], moved[case])
     factor = round_magnification(moved[case], stage.nodes)
     good = np.flatnonzero(np.isfinite(sizes).all(axis=1))
     every = stage.nodes + factor * moved[good]
-    curves = [_magnified_curves(stage.structure, solutions, number, factor) for number in good]
+    drawn = [curves_from_reference(stage.structure, solutions, k, factor, since) for k in good]
+    curves, origins = zip(*drawn, strict=True)
     bends = [own.points(at) for own, at in zip(curves, every, strict=True) if own is not None]
     points = np.concatenate([x.reshape(-1, 3) for x in (stage.nodes, every, *bends)])
     title = "displacements of all cases" + (f" x {factor:g}" if factor != 1 else "")
@@ -301,7 +324,7 @@ def _draw_displacements(stage, envelope, solutions):
     (axes,) = figure.axes
     active = _is_element_active(stage.structure, envelope)
     dashed: Any = {"colors": GHOST, "linewidths": 1.0, "linestyles": "--", "zorder": 1}
-    stage.add_lines(axes, stage.nodes, active.any(axis=0), **dashed)
+    stage.add_lines(axes, stage.nodes, active.any(axis=0), origins[0], **dashed)
     thin: Any = {"colors": SERIES[5], "linewidths": 0.5, "alpha": 0.6, "zorder": 2}
     for number, positions, bent in zip(good, every, curves, strict=True):
         stage.add_lines(axes, positions, active[number], bent, **thin)
@@ -312,25 +335,15 @@ def _draw_displacements(stage, envelope, solutions):
     units = stage.units or SI
     small, to_small = units.small_length
     size = float(to_small) * units.from_si(float(sizes[case, node]), "m")
-    text = f"largest displacement: {size:.4g} {small}, node {node}, {envelope.names[case]}"
+    origin = "initial geometry" if since is None else "reference state"
+    text = f"largest displacement from the {origin}: {size:.4g} {small}, node {node}, "
+    text += envelope.names[case]
     handles = [
         Line2D([], [], color=SERIES[0], linewidth=width, label=text),
         Line2D([], [], color=SERIES[5], linewidth=0.8, label=f"all {len(good)} cases"),
-        Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="input"),
+        Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label=origin),
     ]
     return figure, handles, slots, None
-
-
-def _magnified_curves(structure, solutions, number, factor):
-    """Return the `Curves` in a case of a batch, with their bends times a factor.
-
-    `number` is the index of the case. None if `solutions` is None, or no element is curved.
-    """
-    if solutions is None:
-        return None
-    case = jax.tree.map(lambda x: np.asarray(x)[number], solutions)
-    curves = SolutionCurves(case, structure).at_state(case.last)
-    return None if curves is None else curves.magnified(curves.in_initial_geometry(), factor)
 
 
 def _draw_element_values(stage, envelope, of):

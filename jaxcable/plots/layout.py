@@ -21,6 +21,7 @@ _GAP = 0.1  # inches, around everything
 _BAR = 0.74  # inches, height of the color bar with its numbers and label
 _TITLE = 0.25  # inches, height of a title
 _NUMBER = 4.5  # width of a number on the color bar with the space beside it, over its size
+_APART = 1.1  # least distance of numbers on an upright axis, over their size
 _ROUNDS = 3
 """Rounds of measuring and placing: labels keep their size when axes change theirs."""
 
@@ -30,6 +31,7 @@ def arrange_pictures(
     points: Sequence[Float[np.ndarray, "n 3"]],
     titles: Sequence[str],
     columns: int | None = None,
+    stacked: bool = False,
 ) -> tuple[Figure, Slots]:
     """Make a figure with axes for pictures of a structure; `finish_layout` moves them into place.
 
@@ -39,6 +41,7 @@ def arrange_pictures(
         titles: title of every picture.
         columns: number of pictures in a row; None for one or two pictures, which are side by side
             if they are high.
+        stacked: whether two pictures are below each other in any case.
 
     Returns:
         The figure, which has no space for a legend yet, and the slot of each picture: left, top,
@@ -46,7 +49,7 @@ def arrange_pictures(
     """
     ratios = [view.height_over_width(within) for view, within in zip(views, points, strict=True)]
     if columns is None:
-        slots = _slots_of_one_or_two(ratios, [view.flat for view in views])
+        slots = _slots_of_one_or_two(ratios, [view.flat for view in views], stacked)
     else:
         wide = max(6.4 / columns, 2.1)
         high = min(0.35 + wide * max(ratios), 4.0)
@@ -59,12 +62,14 @@ def arrange_pictures(
     return figure, slots
 
 
-def _slots_of_one_or_two(ratios, flat):
+def _slots_of_one_or_two(ratios, flat, stacked):
     """Return the slots (left, top, width, height) of one or two pictures, inches.
 
-    `ratios` are height over width of each, and `flat` says which are plane, not in space.
+    `ratios` are height over width of each, and `flat` says which are plane, not in space; `stacked`
+    as for `arrange_pictures`.
     """
-    if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
+    are_high = all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True))
+    if len(ratios) == 2 and are_high and not stacked:
         widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]
     else:
         widths = [4.8 for _ in ratios]
@@ -120,6 +125,7 @@ def finish_layout(
     figure.draw_without_rendering()
     for axes in views:
         if axes.name == "3d":
+            _thin_out_heights(axes)
             top, place = visible_extent(axes)[3] * figure.dpi, axes.get_window_extent()
             axes.title.set_y((top + 0.06 * figure.dpi - place.y0) / place.height)
 
@@ -165,6 +171,20 @@ def _fit_into_slot(axes, slot):
         new = np.concatenate([corner, corner + room]) + (now - drawn)
     left, bottom, right, top = new / np.tile(size, 2)
     axes.set_position([left, bottom, right - left, top - bottom])
+
+
+def _thin_out_heights(axes):
+    """Put fewer numbers on the upright axis of axes in space that have their place, if they touch.
+
+    Its length in the picture is that of a vertical edge of the box.
+    """
+    (x, _), (y, _), (low, high) = axes.get_xlim(), axes.get_ylim(), axes.get_zlim()
+    ends = proj3d.proj_transform([x, x], [y, y], [low, high], axes.get_proj())[:2]
+    length = abs(np.ptp(axes.transData.transform(np.transpose(ends))[:, 1])) * 72 / axes.figure.dpi
+    marks = [mark for mark in axes.get_zticks() if low <= mark <= high]
+    while len(marks) > 1 and length * (marks[1] - marks[0]) < _APART * SIZE * (high - low):
+        marks = marks[::2] if len(marks) > 2 else [min(marks, key=abs)]
+        axes.set_zticks(marks)
 
 
 def _tile_axes(views, columns, room):

@@ -32,7 +32,7 @@ def mode_shapes(
     n: int = 6,
     structure: Structure | None = None,
     phase: int | None = None,
-    color: str = "tension",
+    color: str | None = None,
     view: str | None = None,
     columns: int | None = None,
     supports: bool = True,
@@ -40,8 +40,8 @@ def mode_shapes(
 ) -> Figure:
     """Draw natural modes: one small picture each, with the frequency, over the structure at rest.
 
-    Shapes are scaled to a visible size. Elements are straight between their nodes, and have the
-    colors of the state about which they vibrate; moving shapes are on the page of `view`.
+    Shapes are scaled to a visible size. Elements are straight between their nodes; moving shapes
+    are on the page of `view`.
 
     Args:
         modes: result of `dynamics.modes`.
@@ -52,7 +52,9 @@ def mode_shapes(
         n: number of modes, at most as many as there are.
         structure: the `Structure` that was analysed, as of `net`.
         phase: number of the phase, from 0, at whose end the state is; default the last state.
-        color, columns, supports, units: as of `sequence`.
+        color: values that color the elements, of the state about which they vibrate, as of
+            `sequence`; default: one color for all.
+        columns, supports, units: as of `sequence`.
         view: "plan", "elevation" or "space"; default elevation of what moves in a vertical plane
             alone, else space.
 
@@ -72,7 +74,7 @@ def mode_shapes(
     ['mode 1: 8.02 Hz', 'mode 2: 8.49 Hz']
     """
     checks.require_whole_number(n, "n")
-    snapshots = Snapshots(solution, structure, color)
+    snapshots = Snapshots(solution, structure, color or "tension")
     rest, amplitude = state_at_rest(modes, snapshots, phase)
     titles = mode_titles(modes)[:n]
     stages = [
@@ -84,7 +86,7 @@ def mode_shapes(
         view = choose_view(points, None, space=True).kind
     stated = None if units is None else as_units(units)
     options = None, False, view, columns, supports, [], stated, "at rest"
-    figure = draw_stages(stages, snapshots, *options)
+    figure = draw_stages(stages, snapshots, *options, colored=color is not None)
     return finish_figure(figure, path)
 
 

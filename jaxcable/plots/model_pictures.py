@@ -26,6 +26,7 @@ from .views import choose_view
 _WIDE, _HIGH = 0.65, 1.0  # width of a digit and height of a number, over the size of text
 _SHIFT = 0.7  # distance of the number of a node from the node, to the right and up, likewise
 _THIN = 0.6  # width of lines over that of other pictures, so that numbers can be read on them
+_SAME, _ABOVE = 1e-3, 0.1  # distance of nodes in plan over the extent; share of such nodes
 _HALO = [Stroke(linewidth=2.0, foreground="white"), Normal()]
 
 
@@ -52,7 +53,8 @@ def model(
     Options:
         numbers: whether to write the numbers.
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
-            vertical plane, plan of one that is low, else space.
+            vertical plane, plan of one that is low, else space. Where many nodes lie above others,
+            there is a picture in space, without numbers, below the plan.
         supports: whether to mark supports.
         heights: factor on heights in elevations, as of `net`.
         units: units of the coordinates, as of `net`.
@@ -70,25 +72,31 @@ def model(
     >>> len([text for text in figure.axes[0].texts if text.get_text() == "5"])  # node and element
     2
     """
-    if view is None and choose_view(np.asarray(structure.nodes, float)).kind == "plan":
-        view = "plan"  # of a structure that is low
+    nodes = np.asarray(structure.nodes, float)
+    kinds = [view]
+    if view is None and choose_view(nodes).kind == "plan":
+        kinds = ["plan", "space"] if _are_nodes_above_others(nodes) else ["plan"]
     stated = None if units is None else as_units(units)
-    stage = UndeformedStructure(structure, view, stated, heights)
-    figure, slots = arrange_pictures([stage.view], [stage.nodes], ["structure: " + stage.view.kind])
-    (axes,) = figure.axes
+    stages = [UndeformedStructure(structure, kind, stated, heights) for kind in kinds]
+    stage, views = stages[0], [stage.view for stage in stages]
+    titles = [f"structure: {own.kind}" for own in views]
+    figure, slots = arrange_pictures(views, [stage.nodes] * len(views), titles, stacked=True)
+    axes = figure.axes[0]
     width = _THIN * line_width(len(stage.links))
     handles: list[Any] = []
     for number, (label, group) in enumerate(named_groups_of(structure)):
         look = _group_line_style(number)
         own = stage.links[stage.group == number]
         wide = (1.6 if isinstance(group, Beams) else 1.0) * width
-        ends = stage.view.project(stage.nodes)[own]
-        stage.view.add_lines(axes, ends, linewidths=wide, zorder=3, **look)
+        for seen, space in zip(views, figure.axes, strict=True):
+            ends = seen.project(stage.nodes)[own]
+            seen.add_lines(space, ends, linewidths=wide, zorder=3, **look)
         count = len(group.links)
         text = f"{label}: {count} {type(group).__name__}".removeprefix(": ")
         handles.append(Line2D([], [], linewidth=wide, label=text, **look))
     if supports:
-        draw_supports(axes, stage.view, stage.nodes, stage.held)
+        for own, space in zip(stages, figure.axes, strict=True):
+            draw_supports(space, own.view, own.nodes, own.held)
         handles += support_legend(stage.held)
     finish_layout(figure, slots, handles)
     left_out = _write_numbers(axes, stage) if numbers else 0
@@ -98,10 +106,18 @@ def model(
     return finish_figure(figure, path)
 
 
+def _are_nodes_above_others(nodes):
+    """Return whether many nodes lie at the same place in plan as others, within rounding."""
+    size = max(float(np.ptp(nodes, axis=0).max()), 1e-300)
+    places = np.unique(np.round(nodes[:, :2] / (_SAME * size)), axis=0)
+    return len(nodes) - len(places) > _ABOVE * len(nodes)
+
+
 def _group_line_style(number):
     """Return color and line style of the group with index `number`, as arguments for matplotlib."""
-    style = STYLES[number // len(SERIES) % len(STYLES)]
-    return {"color": SERIES[number % len(SERIES)], "linestyle": style}
+    colors = SERIES[:-1]  # black is for numbers of nodes
+    style = STYLES[number // len(colors) % len(STYLES)]
+    return {"color": colors[number % len(colors)], "linestyle": style}
 
 
 def _write_numbers(axes, stage):

@@ -26,6 +26,9 @@ def motion(
 ) -> Figure:
     """Draw a motion in time: displacements of nodes, forces of elements, and the energy.
 
+    Displacements are from the start of the motion, and so is the change of the stored energy, which
+    would hide the others beside that of a prestress.
+
     Args:
         moved: `dynamics.Transient`.
         path: where to save the picture, in the format of the suffix, or None.
@@ -66,8 +69,10 @@ def motion(
     values = np.asarray(moved.displacement)
     nodes, columns = _chosen_nodes(moved, nodes, values.shape[1])
     values = values[:, columns, "xyz".index(direction)]
+    since = "\nsince the start" if values[0].any() else ""
+    values = values - values[:1]
     _draw_lines(panels[0], time, values, [f"node {k}" for k in nodes])
-    panels[0].set_ylabel(f"displacement {direction} (m)")
+    panels[0].set_ylabel(f"displacement {direction}{since} (m)")
     if len(elements):
         force = _forces_of_group(moved, group)
         numbers = checks.as_indices(elements, "elements", things="element")
@@ -80,8 +85,10 @@ def motion(
         _draw_lines(panels[1], time, factor * force, [f"element {k}" for k in elements])
         panels[1].set_ylabel(f"axial force ({unit})")
     energies = np.stack([np.asarray(getattr(moved.energy, name)) for name in _ENERGIES], axis=1)
+    energies[:, _ENERGIES.index("stored")] -= energies[0, _ENERGIES.index("stored")]
     shown = [k for k, own in enumerate(energies.T) if np.nanmax(np.abs(own), initial=0.0) > 0]
-    _draw_lines(panels[-1], time, energies[:, shown], [_ENERGIES[k] for k in shown])
+    labels = ["change of stored" if one == "stored" else one for one in _ENERGIES]
+    _draw_lines(panels[-1], time, energies[:, shown], [labels[k] for k in shown])
     panels[-1].set(ylabel="energy (J)", xlabel="time (s)")
     figure.align_ylabels()
     return finish_figure(figure, path)

@@ -6,15 +6,31 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Float, Int
 from .style import INK, format_value
 from .views import View
 
+_SIDES = {
+    "My": "drawn on the side in tension; negative: at -z (level beams: sagging)",
+    "Mz": "drawn on the side in tension; negative: at y",
+}
 _INSIDE = 4.0  # least distance of a text from the frame of a picture, in pixels
 _UPRIGHT = 2.0  # height over width of all beams from which on they are seen in an elevation
+_REPEATED = 2  # times that one text is written
+_FARTHER = 4.0  # distance of equal texts over that of others
+_EQUAL = 6  # decimals up to which values are compared
 _LEAST = 0.05  # of the largest value: less is not written
+
+
+def side_legend(of: str) -> list[Line2D]:
+    """Return the legend entry on the side to which bending moments are drawn; [] for others.
+
+    `of` is the name of the section force.
+    """
+    return [Line2D([], [], linestyle="", label=_SIDES[of])] if of in _SIDES else []
 
 
 def write_largest_values(
@@ -27,7 +43,8 @@ def write_largest_values(
 ) -> None:
     """Write the values at ends and extremes beside the tips of their ordinates, the largest first.
 
-    Values too close to a written one are left out.
+    Values too close to a written one are left out, and so are those of which two are written:
+    repeated bays have the same values.
 
     Args:
         axes, view: of the picture.
@@ -47,33 +64,55 @@ def write_largest_values(
     bases, tips = (own[beam, at].reshape(-1, 3) for own in ordinates)
     found = values[beam, at].ravel()
     kept: list[int] = []
-    for k in np.argsort(-np.abs(found)):
+    written: list[str] = []
+    # equal values count in their order, whatever their rounding errors
+    sizes = [float(f"{abs(value):.{_EQUAL}e}") for value in found]
+    for k in np.argsort(-np.array(sizes), kind="stable"):
         if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
             break
-        if all(np.linalg.norm(tips[k] - tips[j]) > apart for j in kept):
+        text = format_value(factor * float(found[k]))
+        if written.count(text) == _REPEATED:
+            continue
+        away = [apart * (_FARTHER if text == other else 1.0) for other in written]
+        if all(np.linalg.norm(tips[k] - tips[j]) > d for j, d in zip(kept, away, strict=True)):
             kept.append(int(k))
+            written.append(text)
             place = view.project(tips[k])
             across, up = (place - view.project(bases[k]))[:2] if view.flat else (0.0, 0.0)
             beside = abs(across) > abs(up)
             look["ha"] = ("left" if across > 0 else "right") if beside else "center"
             look["va"] = "center" if beside or not up else "bottom" if up > 0 else "top"
-            axes.text(*place, format_value(factor * float(found[k])), **look)
+            axes.text(*place, text, **look)
 
 
 def keep_texts_inside(axes: Any) -> None:
     """Move texts of flat axes that have their final place, so that none crosses the frame.
 
-    Axes in space are left as they are.
+    Of texts that cover each other the first one stays, also in space.
     """
-    if axes.name == "3d":
-        return
     axes.figure.draw_without_rendering()
+    if axes.name == "3d":
+        _remove_covered_texts(axes)
+        return
     low, high = axes.bbox.min + _INSIDE, axes.bbox.max - _INSIDE
     for text in axes.texts:
         box = text.get_window_extent()
         shift = np.maximum(low - box.min, 0.0) - np.maximum(box.max - high, 0.0)
         place = axes.transData.transform(text.get_position()) + shift
         text.set_position(axes.transData.inverted().transform(place))
+    axes.figure.draw_without_rendering()
+    _remove_covered_texts(axes)
+
+
+def _remove_covered_texts(axes):
+    """Remove texts of axes that cover an earlier one; they have been drawn."""
+    kept: list[Any] = []
+    for text in list(axes.texts):
+        box = text.get_window_extent()
+        if any(box.overlaps(other) for other in kept):
+            text.remove()
+        else:
+            kept.append(box)
 
 
 def positive_side_directions(

@@ -11,11 +11,14 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.tree import copy_with
 from ..common.types import ArrayLike, Float
 from ..common.units import UnitsLike
 from ..design import envelope, utilization
 from ..elements.abilities import Bending
 from ..model.structure import Structure
+from ..results.reference_phase import reference_phase, reference_words
+from .element_curves import SolutionCurves
 from .envelopes import KINDS, envelope_diagram, largest_magnitude
 from .model_pictures import model
 from .nets import net
@@ -35,6 +38,7 @@ def for_report(
     names: Sequence[str] | None = None,
     phase_names: Sequence[str] | None = None,
     ground: Float[ArrayLike, "n 3"] | None = None,
+    since: int | str | None = None,
     units: UnitsLike | None = None,
 ) -> dict[str, Figure]:
     """Draw the pictures of a report: the structure, its forces, and what governs over cases.
@@ -54,6 +58,9 @@ def for_report(
         phase_names: names of the phases beside cases, such as the ``phase_names`` of a scene.
         ground: points of the ground along a line, as of `net`. Heights of a line, a plane structure
             without beams that is low, are magnified by one round factor in all pictures.
+        since: phase from whose beginning the displacements of cases count, by its number from 0 or
+            its name, as for `report`; "last phase" for the end of `solution`, at which cases begin.
+            Default: from the initial geometry.
         units: units of the pictures, as of `net`.
 
     Returns:
@@ -62,7 +69,7 @@ def for_report(
 
     Raises:
         ValueError: those of `net`, another number of names than of phases among them, and of
-            `design.envelope`.
+            `design.envelope`; a phase `since` that there is not.
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import jaxcable as jc
@@ -89,8 +96,9 @@ def for_report(
     if cases is None or not (np.asarray(cases.status) == status.OK).any():
         return found
     extremes = envelope(structure, cases, names, places=_PLACES)
-    found["Displacements in all cases"] = envelope_diagram(
-        structure, extremes, "displacement", solutions=cases, **look
+    begin, words = _reference_state(structure, solution, cases, phase_names, since)
+    found[f"Displacements in all cases{words}"] = envelope_diagram(
+        structure, extremes, "displacement", solutions=cases, since=begin, **look
     )
     forces = envelope_diagram(structure, extremes, "tension", **look)
     found["Axial forces: largest and smallest over all cases"] = forces
@@ -109,6 +117,29 @@ def for_report(
                     structure, extremes, name, units=units
                 )
     return found
+
+
+def _reference_state(structure, solution, cases, names, since):
+    """Return the state from which displacements of cases count, and from where in words.
+
+    It is the `Solution`, a `State`, or None for the initial geometry. `names` are those of the
+    phases, or None.
+    """
+    if since is None:
+        return None, ""
+    heads = [f"phase {k}" for k in range(1, len(solution.phases) + 1)]
+    labels = heads if names is None else list(names)
+    begin = reference_phase(since, labels, solution, cases)
+    if names is not None:
+        heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
+    words = f", since {reference_words(begin, heads)}"
+    if begin == len(heads):
+        return solution, words
+    if begin == 0:
+        return None, words
+    state = SolutionCurves(solution, structure).state_after_phase(begin - 1)
+    moved = np.asarray(solution.phases.moved_before)[begin]  # nodes put into place included
+    return copy_with(state, displacement=moved), words
 
 
 def _factor_on_heights(structure, solution, profile):

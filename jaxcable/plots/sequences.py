@@ -20,7 +20,7 @@ from .layout import arrange_pictures, finish_layout
 from .nets import StagePicture
 from .ordinates import keep_texts_inside
 from .snapshots import Snapshots
-from .style import finish_figure
+from .style import SERIES, finish_figure
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
@@ -110,6 +110,7 @@ def draw_stages(
     units: Units | None,
     earlier: str = "before",
     high: float = _HIGH,
+    colored: bool = True,
 ) -> Figure:
     """Draw small pictures beside each other, in the same scales and colors; return the figure.
 
@@ -121,10 +122,12 @@ def draw_stages(
         notes: lines of text for the legend.
         units: of coordinates and values, or None.
         earlier: what the geometry behind them is called.
+        colored: whether elements have the colors of their forces, rather than one color.
     """
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose_view(everything, view, units=units or SI)
-    content: Any = _ColoredElementPictures(stages, snapshots, seen, units, one_scale, earlier)
+    how = _ColoredElementPictures if colored else _PlainElementPictures
+    content: Any = how(stages, snapshots, seen, units, one_scale, earlier)
     if diagram is not None:
         instants = [stage.now for stage in stages]
         content = ForceDiagrams(
@@ -209,3 +212,25 @@ class _ColoredElementPictures:
     def color_bar(self):
         """Return lines of the last picture, whose colors a color bar explains, and its label."""
         return self.lines.taut, self.scale.label
+
+
+class _PlainElementPictures(_ColoredElementPictures):
+    """The pictures of a sequence with elements of one color, whatever their forces."""
+
+    def draw(self, axes, number):
+        """Draw picture `number`, as `_ColoredElementPictures` does, without colors and casings."""
+        super().draw(axes, number)
+        self.lines.casing.set_segments([])
+        drawn = [self.lines.taut, getattr(self.lines, "surface", None)]
+        for own in drawn:
+            if own is not None:
+                own.set_array(None)
+                own.set_color(SERIES[0])
+
+    def legend_entries(self):
+        """Return the legend entry for the state before, if elements have moved."""
+        moved = any(now.has_moved_from(before) for _, now, before in self.stages)
+        return line_legend([], moved, False, self.earlier)
+
+    def color_bar(self):
+        """Return None: there is no color bar."""

@@ -1,4 +1,4 @@
-"""A structure as it is in the input, as several pictures draw it."""
+"""A structure in its initial or another given geometry, as several pictures draw it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from ..common.types import Bool, Float
+from ..common.types import ArrayLike, Bool, Float
 from ..common.units import SI, Units
 from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
@@ -18,7 +18,7 @@ from .views import View, choose_view
 
 
 class UndeformedStructure:
-    """A structure as it is in the input, and the view in which pictures draw it.
+    """A structure in its initial or a given geometry, and the view in which pictures draw it.
 
     Args:
         structure: `Structure`.
@@ -27,6 +27,7 @@ class UndeformedStructure:
         units: `Units` of the coordinates, None for SI.
         heights: factor on heights in an elevation, or None, as of `choose_view`.
         present: which elements are active, [n_elem] bool; None: all.
+        moved: displacement of the nodes from the initial geometry to that drawn, [n_node, 3], m.
 
     Attributes:
         structure, units, view: as above; the view is a `View`.
@@ -43,10 +44,11 @@ class UndeformedStructure:
         units: Units | None,
         heights: float | None = 1.0,
         present: Bool[np.ndarray, " n_elem"] | None = None,
+        moved: Float[ArrayLike, "n_node 3"] | float = 0.0,
     ):
         self.structure, self.units = structure, units
         self._is_stated = view is not None
-        self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float)
+        self.nodes: Float[np.ndarray, "n_node 3"] = np.asarray(structure.nodes, float) + moved
         self.view: View = choose_view(
             self.nodes, view, space=True, units=units or SI, heights=heights
         )

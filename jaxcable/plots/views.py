@@ -26,6 +26,7 @@ _RISE, _AZIMUTH = 30.0, -52.5  # degrees; between the multiples of 15 at which g
 # which an azimuth of -60 would hide behind their mast
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 _LEAST = 0.15  # least extent of axes over the largest one, so that a flat net has some height
+_EDGE = "0.4"  # color of the edges of the box in space, drawn half transparent
 _MARGIN = 0.05  # margin on each side over the extent
 
 
@@ -165,6 +166,7 @@ class View:
                     MaxNLocator(nbins=4 if share > 0.5 else 2 if share > 0.2 else 1)
                 )
                 axis.set_label_text(label)
+                axis.pane.set(edgecolor=_EDGE, linewidth=0.8, closed=True)  # the box ends there
                 axis.labelpad = 0 if name == "z" and share < 0.5 else 6 if name == "z" else 9
                 axes.tick_params(axis=name, pad=0)
             axes.set_title("", y=1.0)  # y stops matplotlib from moving the title

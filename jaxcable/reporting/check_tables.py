@@ -10,6 +10,7 @@ import numpy as np
 from ..design.checks import CheckResult, Checks
 from .table import Column, Table, columns_of_rows, make_table
 
+_EQUAL = 6  # decimals up to which utilizations are compared
 _LONGEST = 60  # characters of a check in the name of its table, which is a part of names of files
 
 
@@ -81,7 +82,7 @@ def _overview_table(checks):
     columns = columns_of_rows(
         rows,
         *("check", ("utilization", "-"), "item", ("in", "", "case"), "verdict"),
-        *(("counted", "", "cases that count"), "clause"),
+        *(("counted", "", "counted cases"), "clause"),
     )
     columns[1] = columns[1]._replace(governs=True)
     return make_table("Checks, largest utilization of each", columns)
@@ -94,7 +95,9 @@ def _check_table(checks, result):
     which name the governing cases.
     """
     used = np.asarray(result.utilization, float)
-    order = np.argsort(-np.nan_to_num(used, nan=np.inf), kind="stable")
+    # equal items stay in their order, whatever their rounding errors
+    rounded = [float(f"{value:.{_EQUAL}e}") for value in used]
+    order = np.argsort(-np.nan_to_num(rounded, nan=np.inf), kind="stable")
     governing = checks.governing(result.name)
     columns = [
         Column("item", "", [result.items[k] for k in order]),

@@ -55,14 +55,14 @@ def combination_table(
     ]
     columns = columns_of_rows(
         rows,
-        *("combination", "limit state", "actions", "status", ("named", "", "times named")),
+        *("combination", "limit state", "actions", "status", ("named", "", "governs in")),
         *((f"sum R{axis}", "N") for axis in "xyz"),
         "clause",
     )
     columns[4] = columns[4]._replace(governs=True)
     columns[-1] = columns[-1]._replace(detail=True)
     every = combinations.rules, combinations.rule_factors, combinations.clauses
-    notes = ["times named: in how many rows of tables that name the combinations that govern"]
+    notes = ["governs in: number of rows of other tables in which the combination governs"]
     notes.append("sum R: of all reactions, which the loads of the case and those before have")
     if any(one.in_phases for one in combinations.actions):
         notes.append(
@@ -144,7 +144,8 @@ def combination_sentences(
     states = list(dict.fromkeys(combinations.limit_states))
     if len(states) > 1:
         lines.append(
-            f"envelopes are over all limit states together ({', '.join(states)}): make a report of "
-            "each (Combinations.select_limit_states); checks count those of their own"
+            f"envelopes are over all limit states together ({', '.join(states)}); for one of them "
+            "make a report of its combinations alone (select_limit_states, or --which of the "
+            "command); each check counts those of its own"
         )
     return lines

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from ..common import status
 from ..common.negligible import NEGLIGIBLE
 from ..common.types import Float
+from ..common.units import Units
 from ..elements import Bars
 from ..model.result_parts import active_nodes
 from ..results import element_tilts, rotation_vectors
@@ -34,34 +35,20 @@ def displacement_tables(of: ReportedAnalysis) -> dict[str, Table]:
         several states ``displacement_envelope``; empty without states, or if nothing moves.
     """
     nodes = np.asarray(of.structure.nodes, float)
-    note = "from the start: from the nodes of the input, with all phases so far"
+    note = "from the start: from the initial geometry, with all phases so far"
     return _displacement_tables(of, of.envelope, lambda _: nodes, "from the start", note)
 
 
-def phase_index(since: int | str, labels: Sequence[str]) -> int:
-    """Return the index of the phase `since`: its number from 0, or its name among `labels`.
-
-    Raises:
-        ValueError: there is no such phase.
-    """
-    if isinstance(since, str) and since in labels:
-        return list(labels).index(since)
-    count = len(labels)
-    if isinstance(since, int) and not isinstance(since, bool) and -count <= since < count:
-        return since % count
-    names = ", ".join(map(repr, labels))
-    raise ValueError(
-        f"since = {since!r}: no such phase; give 0 to {len(labels) - 1}, or one of {names}"
-    )
-
-
-def displacement_tables_since(of: ReportedAnalysis, begin: int, head: str) -> dict[str, Table]:
+def displacement_tables_since(
+    of: ReportedAnalysis, begin: int, where: str, after: bool
+) -> dict[str, Table]:
     """Return the displacements from the geometry in which a phase began, by node and state.
 
     Args:
         of: `ReportedAnalysis`; of cases each has its own geometry.
-        begin: index of the phase, from 0.
-        head: what the tables call it, such as "phase 2, wind".
+        begin: index of the phase, as of `reference_phase`.
+        where: what the tables call its beginning, such as "the beginning of phase 2, wind".
+        after: whether there are cases that begin at the end of the phases.
 
     Returns:
         A dict as of `displacement_tables`: ``displacements_since`` and, for several states,
@@ -70,15 +57,32 @@ def displacement_tables_since(of: ReportedAnalysis, begin: int, head: str) -> di
 
     def geometry(name):
         # cases that begin at the end of the solution have no phases of their own from before
-        analysis = of.solution if of.cases is None else of.cases[name]
-        phase = (analysis if begin < len(analysis.phases) else of.solution).phases[begin]
+        before, own = of.solution.phases, () if of.cases is None else of.cases[name].phases
+        phases = [*before, *own] if after else own if begin < len(own) else before
+        phase = phases[begin]
         return np.asarray(phase.positions, float) - np.asarray(phase.displacement_in_phase, float)
 
     states = dict(list(of.envelope.items())[begin if of.cases is None else 0 :])
-    where, note = f"since the beginning of {head}", f"from the geometry in which {head} began"
-    found = _displacement_tables(of, states, geometry, where, note)
+    note = f"from the geometry at {where}"
+    found = _displacement_tables(of, states, geometry, f"since {where}", note)
     names = "displacements_since", "displacement_since_envelope"
     return dict(zip(names, found.values(), strict=False))
+
+
+def largest_displacement_sentence(tables: Mapping[str, Table], where: str, units: Units) -> str:
+    """Return the sentence on the largest displacement in tables of `displacement_tables_since`.
+
+    `where` is from where they count, and `units` are those of the sentence.
+    """
+    table = tables.get("displacements_since")
+    if table is None:
+        return f"no displacements since {where}"
+    column = table.columns.index("u")
+    sizes = [float(row[column] or 0.0) for row in table.rows]
+    largest = max(sizes)
+    node, state = table.rows[sizes.index(largest)][:2]
+    text = units.text(largest, "m", ".4g")
+    return f"largest displacement since {where}: {text}, node {node}, {state}"
 
 
 def _displacement_tables(
@@ -186,7 +190,7 @@ def rotation_tables(of: ReportedAnalysis) -> dict[str, Table]:
     names = "rx", "ry", "rz", "angle"
     columns = _vector_columns(of, nodes, of.envelope, np.degrees(turned), names, "deg", "")
     notes = [
-        "from the start: against the nodes of the input, with all phases so far",
+        "from the start: against the initial geometry, with all phases so far",
         "rotation vectors: the direction is the axis, the length the angle; small ones are angles "
         "about x, y, z",
     ]

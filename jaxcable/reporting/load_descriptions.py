@@ -24,7 +24,7 @@ from ..loads.load import Load, OnNodes, PrescribedMovement
 from ..model.structure import Structure
 from ..programs.traced_function import evaluate_at_once
 
-SUM_OF_LOADS = "sum F: of the forces on all nodes, in the geometry of the input"
+SUM_OF_LOADS = "sum F: of the forces on all nodes, in the initial geometry"
 _LONG = 40  # characters of a text that is not repeated
 _MOST_LISTED = 8  # numbers of elements in a text
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..analysis.activation import make_activation
 from ..analysis.load_resultants import load_resultants
 from ..analysis.phases import Phase
+from ..analysis.solution import State
 from ..common.negligible import vector_text
 from ..common.types import Bool, Float
 from ..common.units import Units
@@ -19,7 +20,7 @@ from ..elements.beam_element import BeamElement
 from ..elements.element import Element
 from ..elements.straight import Straight
 from ..loads import as_list
-from ..model.result_parts import named_groups_of
+from ..model.result_parts import active_nodes, named_groups_of
 from ..model.structure import Structure
 from ..model.supports import Supports
 from .load_descriptions import SUM_OF_LOADS, range_with_unit
@@ -28,6 +29,8 @@ from .table import Column, Table, columns_of_rows, make_table
 
 _FREEDOMS = "x", "y", "z", "rx", "ry", "rz"
 _MOST = 8  # nodes that are listed
+_MOVED = 1e-3  # m, displacement from which on there are final positions, too
+_DIGITS = 3  # decimals of directions
 _SKEW = 1e-9  # size of an entry of a rotation matrix up to which it is rounding
 # Properties that groups have for each element: names in the table, and units.
 _PROPERTIES = {
@@ -41,15 +44,20 @@ _STIFFNESSES = {"EA": "N", "EIy": "N m2", "EIz": "N m2", "GJ": "N m2", "GAy": "N
 
 
 def model_tables(
-    structure: Structure, phases: Sequence[Phase] | None, names: Sequence[str], units: Units | None
+    structure: Structure,
+    phases: Sequence[Phase] | None,
+    names: Sequence[str],
+    units: Units | None,
+    end: State,
 ) -> dict[str, Table]:
     """Return the tables ``geometry``, ``properties`` and, if `phases` are given, ``phases``.
 
-    `names` are those of the phases; numbers in texts are in `units`, None for SI with kN.
+    `names` are those of the phases, and `end` is the state at their end; numbers in texts are in
+    `units`, None for SI with kN.
     """
     change = any(phase.supports is not None for phase in phases or ())
     found = {
-        "geometry": _node_table(structure, change),
+        "geometry": _node_table(structure, change, end),
         "properties": property_table(structure, units),
     }
     if phases is not None:
@@ -57,18 +65,28 @@ def model_tables(
     return found
 
 
-def _node_table(structure: Structure, change: bool) -> Table:
-    """Return the table of all nodes: initial positions, and what the supports hold.
+def _node_table(structure: Structure, change: bool, end: State) -> Table:
+    """Return the table of all nodes: initial and final positions, and what the supports hold.
 
-    `change` says whether phases replace the supports.
+    There are final positions if a node has moved visibly. `change` says whether phases replace the
+    supports, and `end` is the state at their end.
     """
     nodes = np.asarray(structure.nodes, float)
     columns = [
         Column("node", "", list(range(len(nodes)))),
         *(Column(axis, "m", values) for axis, values in zip("xyz", nodes.T, strict=True)),
-        Column("held", "", _support_texts(structure.supports, len(nodes))),
     ]
-    notes = ["positions before all phases; held: displacements x, y, z, rotations rx, ry, rz"]
+    notes = ["x, y, z: initial geometry, before all phases"]
+    moved = np.asarray(end.displacement, float)
+    moved = np.where(active_nodes(structure, end.present)[:, None], moved, np.nan)
+    if np.nan_to_num(np.abs(moved)).max() > _MOVED:
+        columns += [
+            Column(f"{axis} end", "m", values, f"{axis}, end")
+            for axis, values in zip("xyz", (nodes + moved).T, strict=True)
+        ]
+        notes.append("x, y, z, end: at the end of the phases, under their loads")
+    columns.append(Column("held", "", _support_texts(structure.supports, len(nodes))))
+    notes.append("held: displacements x, y, z, rotations rx, ry, rz, or directions")
     if change:
         notes.append("supports before all phases: phases replace them, see their table")
     if structure.rigid is not None:
@@ -90,12 +108,18 @@ def _support_text(held: Bool[np.ndarray, " 6"], axes: Float[np.ndarray, "3 3"]) 
     is [6], and `axes` are the directions, [3, 3], in rows.
     """
     in_part = any(held[k : k + 3].any() and not held[k : k + 3].all() for k in (0, 3))
-    if in_part and np.abs(axes - np.eye(3)).max() > _SKEW:
-        words = [
-            f"{('along', 'about')[k // 3]} {vector_text(axes[k % 3])}" for k in np.flatnonzero(held)
-        ]
-        return ", ".join(words)
-    return " ".join(name for name, is_held in zip(_FREEDOMS, held, strict=True) if is_held) or None
+    names = list(_FREEDOMS)
+    if in_part:  # of what is held in full, directions do not count
+        for k, axis in enumerate(np.tile(axes, (2, 1))):
+            along = int(np.abs(axis).argmax())
+            if np.abs(np.abs(axis) - np.eye(3)[along]).max() <= _SKEW:
+                names[k] = _FREEDOMS[along + k // 3 * 3]
+            else:
+                names[k] = f"{('along', 'about')[k // 3]} {vector_text(axis.round(_DIGITS))}"
+    words = [names[k] for k in np.flatnonzero(held)]
+    plain = sorted((word for word in words if word in _FREEDOMS), key=_FREEDOMS.index)
+    skew = [word for word in words if word not in _FREEDOMS]
+    return ", ".join([" ".join(plain), *skew] if plain else skew) or None
 
 
 def property_table(structure: Structure, units: Units | None) -> Table:
@@ -195,7 +219,7 @@ def _phase_table(structure, phases, names, units):
     supports, rows = structure.supports, []
     for k, (phase, name) in enumerate(zip(phases, names, strict=True)):
         lines: list[tuple[Any, ...]] = [("increments", str(phase.increments))]
-        lines += [("states", text) for text in describe_phase_inputs(phase, structure, units)]
+        lines += [("sets", text) for text in describe_phase_inputs(phase, structure, units)]
         present = [np.ones(len(one.links), bool) for one in structure.groups]
         if presence is not None:
             present = [np.asarray(own[k]) for own in presence.present]
@@ -212,7 +236,7 @@ def _phase_table(structure, phases, names, units):
     columns = columns_of_rows(rows, "phase", "name", "what", "text", *sums)
     notes = [
         SUM_OF_LOADS,
-        "all that a phase states, applies, adds and removes acts together, ramped over its "
+        "all that a phase sets, applies, adds and removes acts together, ramped over its "
         "increments; loads go on acting in the phases after it",
         "elements are numbered from 0 in their group",
     ]

@@ -17,13 +17,17 @@ from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from .load_descriptions import describe_load, elements_text, numbers_text, range_with_unit
 
+_WORDS = {"rest_length": "unstressed length"}
+"""What reports call inputs of phases, where it is not their name."""
+
 
 def describe_phase_inputs(
     phase: Phase, structure: Structure, units: Units | None, *, name_others: bool = False
 ) -> list[str]:
     """Return the prestress and other values that a phase states, a line each: values by group.
 
-    Groups without values are named, too, if `name_others`. Numbers are in `units`, None for SI.
+    If `name_others`, groups without values are named, too, and inputs as in a scene. Numbers are in
+    `units`, None for SI.
     """
     stated = phase.inputs(structure)
     hangs = any(isinstance(group, Hanging) for group in structure.groups)
@@ -33,7 +37,8 @@ def describe_phase_inputs(
         place = f" (of catenaries at the {phase.tension_at} end)" if jacked else ""
         values = [of.get(name) for of in stated]
         described, others = _describe_values(name, values, structure, units)
-        lines.append(f"{name}{place} {'; '.join(described + (others if name_others else []))}")
+        word = name if name_others else _WORDS.get(name, name.replace("_", " "))
+        lines.append(f"{word}{place} {'; '.join(described + (others if name_others else []))}")
     return lines
 
 

@@ -16,6 +16,7 @@ from ..dynamics.response import Transient
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
+from ..results.reference_phase import begin_at_end, reference_phase, reference_words
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
@@ -25,7 +26,7 @@ from .displacements import (
     displacement_tables,
     displacement_tables_since,
     large_displacement_sentence,
-    phase_index,
+    largest_displacement_sentence,
     rotation_tables,
     tilt_tables,
 )
@@ -103,7 +104,9 @@ def report(
             and stresses in MPa, kip/in2, lbf/in2 or kgf/cm2. Default: SI units, of which the text
             has large forces in kN.
         since: phase, by its number from 0 or by its name, from whose beginning there are further
-            tables of displacements: for deflections under load, without those of prestressing.
+            tables of displacements: for deflections under load, without those of prestressing and
+            erection. "last phase", or the only phase, of cases that begin at the end of `solution`:
+            from this end. Titles of the tables say from where they count.
         chains: node numbers of cables of several elements by name, as for `results.sags`; they get
             rows in the table ``sags``.
         combinations: the `design.Combinations` that `cases` are the results of: gives their names,
@@ -118,7 +121,7 @@ def report(
     Returns:
         `Report`; its class lists the tables. Forces in ``members`` are the largest along an
         element; compression is compared with strength alone, without buckling. Displacements are
-        from the start, that is from the nodes of the input. Reactions
+        from the start, that is from the initial geometry (the nodes of the structure). Reactions
         act on the structure; a component that is not supported has no value. Section forces of
         beams are given at both ends, with the smallest and the largest along the element, and their
         envelope over the ends of phases or the cases; stresses over all load steps, because every
@@ -191,8 +194,11 @@ def report(
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
     tables = _make_tables(of, chains) | phase_tables(of, ends)
     if since is not None:
-        begin = phase_index(since, labels)
-        more = displacement_tables_since(of, begin, heads[begin])
+        begin = reference_phase(since, labels, solution, cases)
+        after = cases is not None and begin_at_end(cases, solution)
+        where = reference_words(begin, heads)
+        more = displacement_tables_since(of, begin, where, after)
+        summary.append(largest_displacement_sentence(more, where, of.units))
         tables = _insert_after("displacements", tables, more)
     if checks is not None:
         summary, tables = _add_checks(summary, tables, checks)
@@ -203,7 +209,7 @@ def report(
     if motion is not None:
         tables |= motion_tables(structure, motion)
     if model:
-        tables = {**model_tables(structure, listed, labels, shown), **tables}
+        tables = {**model_tables(structure, listed, labels, shown, of.state), **tables}
     findings = exceeded_strength_sentence(tables["members"]), large_displacement_sentence(of)
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
@@ -239,7 +245,7 @@ def _make_tables(of, chains):
     if of.cases is None:
         return tables
     cases = f"over {len(of.cases)} case" + "s" * (len(of.cases) != 1)
-    final = "final state of the phases, before the cases, without their loads and factors"
+    final = "state at the end of the phases, without loads and factors of the cases"
     notes = {
         **dict.fromkeys(_FINAL, f"of the {final}"),
         **dict.fromkeys(_ENVELOPES, f"envelope {cases}"),

@@ -278,9 +278,12 @@ def show_table(
 
 
 def _governing_size(table, row):
-    """Return the largest absolute value of a row in the columns `table.governing`."""
+    """Return the largest absolute value of a row in the columns `table.governing`, seven digits.
+
+    Equal values stay in their order, whatever their rounding errors.
+    """
     columns = table.governing if isinstance(table.governing, tuple) else (table.governing,)
-    return max(abs(row[k] or 0.0) for k in columns)
+    return float(f"{max(abs(row[k] or 0.0) for k in columns):.6e}")
 
 
 def _cell_text(value, factor, unit, largest, is_large):

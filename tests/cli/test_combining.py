@@ -49,13 +49,18 @@ def test_all_combinations_are_in_the_report(folder, capsys):
     assert "10 combinations of actions, 10 converged" in told
     found = jc.design.combinations(actions()).select_limit_states("ultimate")
     solutions = jc.design.solve_cases(STRUCTURE, PHASES, found)
-    moved = np.linalg.norm(solutions.displacement, axis=2)
-    case, node = np.unravel_index(moved.argmax(), moved.shape)
-    text = f"{moved.max():.6g} m at node {node} in {found.names[case]}"
-    assert f"largest displacement over the combinations: {text}" in told
+    built = jc.solve(STRUCTURE, PHASES).displacement[None]
+    for name, begin in (("start", 0.0), ("end of the phases", built)):
+        moved = np.linalg.norm(solutions.displacement - begin, axis=2)
+        case, node = np.unravel_index(moved.argmax(), moved.shape)
+        text = f"{moved.max():.6g} m at node {node} in {found.names[case]}"
+        assert f"largest displacement over the combinations from the {name}: {text}" in told
     text = (folder / "rope.json.txt").read_text()
     assert "NodalLoads on 1 node, sum (0, 0, -1) kN" in text and "1.35 self-weight" in text
-    assert "envelope over 10 cases" in text and "without their loads and factors" in text
+    assert "envelope over 10 cases" in text and "without loads and factors of the" in text
+    assert command("solve rope.json --since 2") == 2
+    assert "--since: '2' is no phase; give 1 to 1" in capsys.readouterr().err
+    words = words.replace("--report", '--since "last phase" --report')
     assert command(f'{words} rope.pdf --title "A rope" --author A --date 2026-11-27') == 0
     assert (folder / "rope.pdf").read_bytes().startswith(b"%PDF")
     assert command(words + "rope.json") == 2  # the scene itself

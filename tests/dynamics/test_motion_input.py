@@ -6,6 +6,7 @@ import pytest
 from oracles.convergence import converged
 
 import jaxcable as jc
+from jaxcable.common.tree import copy_with
 from jaxcable.dynamics import Dashpots, ModalDamping, Rayleigh, Removal, falling_load, transient
 from jaxcable.dynamics.motion_checks import step_of_removal
 
@@ -106,10 +107,18 @@ def test_times_in_single_precision_are_whole_numbers_of_steps():
 
 
 def test_nodes_of_histories_and_of_pictures():
-    moved = converged(one_bar(nodes=[1], histories=["displacement", "reactions", "tension"]))
+    pushed = {"velocity": [[0.0, 0, 0], [0.1, 0, 0]]}
+    histories = ["displacement", "reactions", "tension"]
+    moved = converged(one_bar(nodes=[1], histories=histories, **pushed))
     assert moved.reactions.shape == (7, 1, 3) and list(moved.nodes.array) == [1]
     assert jax.tree.map(lambda a: a, moved).nodes == moved.nodes
-    jc.plots.motion(moved, elements=[0])
+    figure = jc.plots.motion(moved, elements=[0])
+    most = {name: getattr(moved.energy, name) + 1e3 for name in ("stored", "total")}
+    prestressed = copy_with(moved.energy, **most)
+    other = copy_with(moved, energy=prestressed, displacement=moved.displacement + 0.5)
+    for own, same in zip(figure.axes, jc.plots.motion(other, elements=[0]).axes, strict=True):
+        for a, b in zip(own.lines, same.lines, strict=True):  # from the start of the motion
+            np.testing.assert_allclose(a.get_ydata(), b.get_ydata(), atol=1e-9)
     assert len(jc.plots.motion(moved, elements=None).axes) == 2  # displacement, and energy
     for options, text in (
         ({"nodes": [0]}, r"nodes\[0\] = 0: the motion has the histories of nodes 1"),

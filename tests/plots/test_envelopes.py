@@ -8,6 +8,9 @@ from matplotlib.collections import LineCollection
 import jaxcable as jc
 from jaxcable.common.status import NOT_CONVERGED, OK
 from jaxcable.common.tree import copy_with
+from jaxcable.plots.ordinates import write_largest_values
+from jaxcable.plots.style import new_figure
+from jaxcable.plots.views import choose_view
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 NODES = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0], [2.0, 0.0, 2.0]]
@@ -52,6 +55,7 @@ def test_moments_are_drawn_to_scale_and_named(solved, units, factor, unit, tmp_p
     case = np.unravel_index(moments.argmin(), moments.shape)[1]
     assert f"smallest My: {least} {unit}, {NAMES[case]}" in legend(figure)
     assert "pinned" in legend(figure)
+    assert any("negative: at -z" in line for line in legend(figure))
     (axes,) = figure.axes
     assert axes.get_aspect() == 1.0
     assert float(least) in {float(text.get_text()) for text in axes.texts}
@@ -67,9 +71,18 @@ def test_displacements_show_the_case_that_governs(solved):
     figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "displacement", units="kN, m")
     sizes = np.linalg.norm(solutions.displacement, axis=2)
     case, node = np.unravel_index(sizes.argmax(), sizes.shape)
-    text = f"largest displacement: {1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
-    assert legend(figure)[:2] == [text, "all 2 cases"]
+    text = f"{1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
+    text = f"largest displacement from the initial geometry: {text}"
+    assert [line.replace("\n", " ") for line in legend(figure)[:2]] == [text, "all 2 cases"]
     nothing_is_cut_off(figure)
+    begun = jc.solve(STRUCTURE, START)
+    figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "displacement", since=begun)
+    sizes = np.linalg.norm(np.asarray(solutions.positions) - np.asarray(begun.positions), axis=2)
+    case, node = np.unravel_index(sizes.argmax(), sizes.shape)
+    text = f"{1e3 * sizes.max():.4g} mm, node {node}, {NAMES[case]}"
+    text = f"largest displacement from the reference state: {text}"
+    shown = [line.replace("\n", " ") for line in legend(figure)[:3]]
+    assert shown == [text, "all 2 cases", "reference state"]
     figure = jc.plots.envelope_diagram(STRUCTURE, envelope, "tension")
     most = max(float(np.max(x)) for x in jax.tree.leaves(envelope.high["tension"]))
     assert legend(figure)[0].startswith(f"largest tension: {most:.4g} N, ")
@@ -177,6 +190,7 @@ def test_what_cannot_be_drawn_is_refused(solved):
         (envelope, {"of": "reactions"}, "of = 'reactions': has no number for each element"),
         (envelope, {"high": 0}, "high = 0: must be positive"),
         (envelope, {"view": "side"}, "view = 'side'"),
+        (envelope, {"since": one}, 'since: is for of = "displacement", not for'),
         (solutions, {}, "envelope: expected a ResultEnvelope"),
         (envelope, {"of": "displacement", "solutions": one}, "must be the batch of the 2 cases"),
     ):
@@ -191,6 +205,23 @@ def test_a_report_gets_the_pictures_that_there_are(solved, tmp_path):
     pictures = jc.plots.for_report(STRUCTURE, begin, cases=solutions, names=NAMES)
     shown = "".join(pictures)
     assert "breaking force in snow" in shown and "Envelope of My" in shown and "of T" not in shown
+    options = {"names": NAMES, "phase_names": ["erected"], "since": "erected"}
+    since = jc.plots.for_report(STRUCTURE, begin, cases=solutions, **options)
+    figure = since["Displacements in all cases, since the end of phase 1, erected"]
+    assert "reference state" in legend(figure)
     report = jc.report(STRUCTURE, begin, cases=solutions, names=NAMES)
     (path,) = report.save(tmp_path / "r.html", pictures=pictures)
     assert path.read_text().count("<figure>") == len(pictures) >= 5
+
+
+def test_values_of_repeated_bays_are_written_twice_at_most():
+    """Of six equal bays the largest value is written at two that are far apart."""
+    base = np.array([[[2.0 * k + x, 0.0, 0.0] for x in (0.0, 1.0, 2.0)] for k in range(6)])
+    values = np.array([0.0, 5.0, 0.0]) * (1.0 + 1e-12 * np.arange(6.0))[::-1, None]
+    tips = base - 0.2 * values[..., None] * np.array([0.0, 0.0, 1.0])
+    view = choose_view(base.reshape(-1, 3))
+    axes = new_figure(6.0, 2.0).add_subplot(xlim=(0, 12), ylim=(-1.2, 0.2))
+    write_largest_values(axes, view, (base, tips), values, 1.0, (0.5, 9, 0.0))
+    assert [text.get_text() for text in axes.texts] == ["5", "5"]
+    first, second = (text.get_position()[0] for text in axes.texts)
+    assert first == 1.0 and second - first >= 4 * 0.5

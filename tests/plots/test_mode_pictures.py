@@ -26,7 +26,9 @@ def test_pictures_of_modes(vibrating, tmp_path):
     assert [own.get_title() for own in axes] == titles and all(own.name == "3d" for own in axes)
     assert (tmp_path / "modes.png").stat().st_size > 5_000
     texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert "at rest" in texts
+    assert "at rest" in texts and len(figure.axes) == 2  # forces have no colors in a mode
+    colored = jc.plots.mode_shapes(found, solution, color="tension", **options)
+    assert len(colored.axes) == 3  # with the color bar
     in_plane = jc.plots.mode_shapes(found, solution, n=1, view="plan", phase=0)
     assert in_plane.axes[0].name == "rectilinear"
     with pytest.raises(ValueError, match=r"modes: has shapes \(3, 2, 3\); expected \[n, 12, 3\]"):

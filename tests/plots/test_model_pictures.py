@@ -98,3 +98,29 @@ def test_long_names_and_titles_stay_within_the_picture(gap):
         for part in parts:
             box = part.get_window_extent()
             assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+
+
+def test_layers_that_cover_each_other_in_plan_are_drawn_in_space_too():
+    """Two levels of a frame: half of the nodes lie above the others; black is for nodes alone."""
+    plan = [[x, y] for x in (0.0, 10.0) for y in (0.0, 10.0)]
+    nodes = [[*place, z] for z in (0.0, 1.0) for place in plan]
+    names = [f"posts {k}" for k in range(8)]  # more than there are colors
+    groups = {name: jc.Bars([[k % 4, 4 + k % 4]], 1e6) for k, name in enumerate(names)}
+    frame = jc.Structure(nodes, groups, jc.pinned(range(8)))
+    figure = jc.plots.model(frame)
+    assert [axes.name for axes in figure.axes] == ["rectilinear", "3d"]
+    assert figure.axes[1].get_title() == "structure: space" and not figure.axes[1].texts
+    lines = [line for line in figure.legends[0].get_lines() if line.get_linestyle() != "None"]
+    assert len(lines) == 8 and to_rgba("black") not in {to_rgba(x.get_color()) for x in lines}
+    assert labels_of_heights(figure)
+
+
+def labels_of_heights(figure):
+    """Return the numbers on the upright axis of the last axes, none of which covers another."""
+    figure.draw_without_rendering()
+    axis = figure.axes[-1].zaxis
+    low, high = figure.axes[-1].get_zlim()
+    found = [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
+    boxes = [text.get_window_extent() for text in found]
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    return found

@@ -7,6 +7,7 @@ from oracles.convergence import converged
 
 import jaxcable as jc
 from jaxcable.reporting.check_tables import table_name
+from jaxcable.reporting.table import Column, make_table, show_table
 
 ROPE = jc.Cables([[0, 1], [0, 2]], axial_stiffness=1e7, strength=[300e3, 200e3])
 HOOKS = jc.Structure(
@@ -76,3 +77,11 @@ def test_names_of_tables_differ():
     assert table_name("=") == "check_own"
     long = table_name(200 * "x")  # a part of names of files, which have at most 255 characters
     assert len(long) < 80 and table_name(200 * "x" + "y", {long}) == long + "_"
+
+
+def test_equal_values_stay_in_their_order():
+    """Rounding errors sort no rows, neither in a check nor in a long table."""
+    noisy = 0.5 * (1.0 + 1e-12 * np.array([0.0, 3.0, 1.0, 2.0]))
+    columns = Column("item", "", [*"abcd"]), Column("utilization", "-", noisy, governs=True)
+    shown = show_table(make_table("Equal", columns), 3, {})
+    assert [row[0] for row in shown.rows] == ["a", "b", "c"]

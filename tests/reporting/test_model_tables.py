@@ -76,7 +76,7 @@ def test_supports_have_their_directions():
     solved = converged(jc.solve(skew, PHASES["stays"]))
     found = rows(jc.report(skew, solved, model=True).tables["geometry"])
     assert [row["held"] for row in found] == [
-        *("x y z rx ry rz", None, "along (0.707107, 0, 0.707107)", "x y z")
+        *("x y z rx ry rz", None, "along (0.707, 0, 0.707)", "x y z")
     ]
 
 
@@ -92,6 +92,16 @@ def test_properties_are_those_of_the_groups_one_row_for_equal_elements(written):
     np.testing.assert_allclose([strut["EA"], strut["weight"]], [STEEL * 2e-3 / 1e3, 0.15])
 
 
+def test_directions_that_are_axes_have_their_names():
+    """Two held directions, one of them vertical; without a visible motion no final positions."""
+    axes = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    ends = jc.pinned([0]) + jc.restrained([1], "yz", axes=axes[None])
+    bar = jc.Structure([[0, 0, 0], [1.0, 0, 0]], jc.Bars([[0, 1]], 1e6), supports=ends)
+    found = rows(jc.report(bar, jc.solve(bar, jc.Phase()), model=True).tables["geometry"])
+    assert [row["held"] for row in found] == ["x y z", "z, along (-0.8, 0.6, 0)"]
+    assert "x end" not in found[0]
+
+
 def test_names_of_phases_come_with_them_or_apart(solution):
     """A dict names its phases everywhere; without phases there is no table of them."""
     named = jc.report(BRIDGE, solution, PHASES, since="bearing")
@@ -101,6 +111,8 @@ def test_names_of_phases_come_with_them_or_apart(solution):
     assert not {"geometry", "properties", "phases"} & set(named.tables)
     without = jc.report(BRIDGE, solution, model=True).tables
     assert {"geometry", "properties"} <= set(without) and "phases" not in without
+    ends = [[row[f"{axis} end"] for axis in "xyz"] for row in rows(without["geometry"])]
+    np.testing.assert_allclose(ends, solution.positions, atol=1e-12)
     other = jc.report(BRIDGE, solution, PHASES, names=["a", "b"], model=True).tables["phases"]
     assert {row[1] for row in other.rows} == {"a", "b"}
     with pytest.raises(ValueError, match="phases: 1 of them, the solution has 2"):
@@ -120,6 +132,29 @@ def test_cases_move_since_a_phase_before_them(solution):
         shown = [row[table.columns.index(f"u{axis}")] for axis in "xyz"]
         np.testing.assert_allclose(shown, moved[row[0]], rtol=1e-12, atol=1e-15)
     assert len(table.rows) > 0
+
+
+def test_cases_move_since_the_end_of_the_phases_before_them(solution):
+    """By "last phase", or by the only phase; the first one of two is counted from its beginning."""
+    push = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0)))
+    one = jc.solve(BRIDGE, PHASES["stays"])
+    for begun, phases, since, before, title in (
+        (solution, PHASES, "last phase", solution.displacement, "the end of phase 2, bearing"),
+        (solution, PHASES, "stays", 0.0, "the beginning of phase 1, stays"),
+        (one, {"stays": PHASES["stays"]}, 0, one.displacement, "the end of phase 1, stays"),
+    ):
+        cases = jc.design.solve_cases(BRIDGE, None, [push], start=begun)
+        assert np.asarray(cases.status).tolist() == [0]
+        found = jc.report(BRIDGE, begun, phases, cases=cases, since=since)
+        table = found.tables["displacements_since"]
+        assert table.title == f"Displacements since {title}, by case"
+        moved = np.asarray(cases.displacement[0] - before)
+        shown = [row[table.columns.index("uz")] for row in table.rows]
+        nodes = [row[0] for row in table.rows]
+        np.testing.assert_allclose(shown, moved[nodes, 2], rtol=1e-9, atol=1e-12)
+        sizes = np.linalg.norm(moved, axis=1)
+        text = f"{sizes.max():.4g} m, node {sizes.argmax()}, case 0"
+        assert f"largest displacement since {title}: {text}" in found.summary
 
 
 def test_stages_have_their_forces_and_reactions():
