@@ -60,7 +60,7 @@ class EnergyBalance:
         """Largest energy of a motion, which `error` is compared with, J: of all times, not of one.
 
         It is the largest size of kinetic energy, change of stored energy since the start, and work
-        of loads. What is stored in elements that are removed does not count.
+        of loads. What is stored in elements that are removed does not count. NaN if a step failed.
         """
         return apply_numpy_or_jax(
             lambda xp, *energies: _energy_sizes(xp, *energies).max(axis=-1),
@@ -68,9 +68,12 @@ class EnergyBalance:
         )
 
     def largest_so_far(self) -> Float[np.ndarray, " ..."]:
-        """Return `largest` of the times up to each one, as NumPy array, [..., m], J."""
+        """Return `largest` of the times up to each one, as NumPy array, [..., m], J.
+
+        It stays as it is from the first step on that has failed, whose energies are NaN.
+        """
         energies = map(np.asarray, (self.kinetic, self.stored, self.work, self.total))
-        return np.maximum.accumulate(_energy_sizes(np, *energies), axis=-1)
+        return np.fmax.accumulate(_energy_sizes(np, *energies), axis=-1)
 
     @classmethod
     def initial(cls, system: InertialSystem, state: MotionState) -> EnergyBalance:
@@ -112,11 +115,11 @@ class EnergyBalance:
 def _energy_sizes(xp, kinetic, stored, work, total):
     """Return the largest size of the energies of `EnergyBalance.largest` at each time, [..., m], J.
 
-    `xp` is NumPy or jax.numpy. Steps that failed, with NaN, have 0.
+    `xp` is NumPy or jax.numpy. It is NaN for steps that have failed.
     """
     # a removal changes the total by what it takes away
     change = stored - stored[..., :1] - (total - total[..., :1])
-    return xp.nan_to_num(xp.abs(xp.stack([kinetic, change, work]))).max(axis=0)
+    return xp.abs(xp.stack([kinetic, change, work])).max(axis=0)
 
 
 def kinetic_energy(system: InertialSystem, state: MotionState) -> Float[Array, ""]:

@@ -95,7 +95,7 @@ def _check_table(checks, result):
     which name the governing cases.
     """
     used = np.asarray(result.utilization, float)
-    # equal items stay in their order, whatever their rounding errors
+    # equal items stay in their order, whatever their rounding errors; those without a value first
     rounded = [float(f"{value:.{_EQUAL}e}") for value in used]
     order = np.argsort(-np.nan_to_num(rounded, nan=np.inf), kind="stable")
     governing = checks.governing(result.name)

@@ -79,7 +79,7 @@ def _node_table(structure: Structure, change: bool, end: State) -> Table:
     notes = ["x, y, z: initial geometry, before all phases"]
     moved = np.asarray(end.displacement, float)
     moved = np.where(active_nodes(structure, end.present)[:, None], moved, np.nan)
-    if np.nan_to_num(np.abs(moved)).max() > _MOVED:
+    if (np.abs(moved) > _MOVED).any():  # not of nodes without elements, which are NaN
         columns += [
             Column(f"{axis} end", "m", values, f"{axis}, end")
             for axis, values in zip("xyz", (nodes + moved).T, strict=True)
